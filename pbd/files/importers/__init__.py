@@ -1,21 +1,36 @@
-"""Import of recordings of other programs. Each format has a file here."""
+"""Import of recordings of other programs.
 
-from collections.abc import Mapping
+`READERS` has a function for each format, in a file that is named after it. What a column of a table means, and its
+unit, is found by columns.py, from names (header_names.py), programs' habits and the caller's options.
+"""
+
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
 from pbd.data import Demonstration
 from pbd.errors import RecordingError, warn
-from pbd.files.demo import RATES_HZ, read_demo_toml, utf8_name
+from pbd.files.demo import read_demo_toml, utf8_name
+from pbd.files.importers.bag import read_bag
+from pbd.files.importers.csv import read_csv
+from pbd.files.importers.npz import read_npz
+from pbd.files.importers.one_file_per_sensor import read_sensor_files
+from pbd.files.importers.phones import read_phone
+from pbd.files.importers.request import Request
+from pbd.files.importers.ximu3 import inertial_file
 
-TEXT = (".csv", ".txt", ".tsv", ".log")
-BAGS = (".mcap", ".db3", ".bag")
+READERS: tuple[Callable[[Request], Demonstration | None], ...] = (
+    read_bag,
+    read_phone,
+    read_sensor_files,
+    read_npz,
+    read_csv,
+)
+"""Each returns None if the path is none of its format. The first that returns a recording has read it."""
+
 LFS_POINTER = b"version https://git-lfs.github.com/"
 """The beginning of the small file that Git LFS keeps in place of a large one."""
-
-XIO_FILE = "Inertial.csv"
-"""The file by which an x-IMU3's folder is recognised. x-io's x-IMU3 GUI writes a file for each type of message."""
 
 
 def import_file(
@@ -43,66 +58,32 @@ def import_file(
     """
     if (path / "demo.toml").is_file():
         raise RecordingError.at(path, "it is a demonstration already; use it as it is, or copy the folder")
-    source = path / XIO_FILE if (path / XIO_FILE).is_file() else path
-    suffix, truth = source.suffix.lower(), None
-    if _is_lfs_pointer(source):
+    request = Request(inertial_file(path), columns or {}, units or {}, rate_hz, topic)
+    if _is_lfs_pointer(request.path):
         what = "it is Git LFS's pointer to the file, not the file; fetch that with `git lfs pull`"
-        raise RecordingError.at(source, what)
-    is_bag = suffix in BAGS or (source / "metadata.yaml").is_file()
-    columns, units = columns or {}, units or {}
-    same_times = rate_hz is None and "t" not in columns and "t" not in units
-    # With --column or --unit, a phone's CSV file is read as an ordinary table.
-    is_table = suffix == ".csv" and not any(".csv: " in name for name in columns.values())
-    if topic is not None and not is_bag:
-        raise RecordingError.at(path, "only a bag has topics; leave --topic out")
-    of_app = None
-    may_be_apps = source.is_dir() or suffix == ".zip" or (suffix == ".csv" and source.is_file())
-    if may_be_apps and not is_bag and not (is_table and columns):
-        from pbd.files.importers.one_file_per_sensor import read_sensor_files
-        from pbd.files.importers.phones import phone_files, read_phone
-
-        of_app = None if is_table and units else read_phone(source)
-        if of_app is None and not (is_table and phone_files(source)):
-            of_app = read_sensor_files(source, units)
-            units = units if of_app is None else {}
-    if rate_hz is not None and (of_app is not None or is_bag or suffix == ".npz"):
-        known = "a bag has times" if is_bag else "an npz has a rate" if suffix == ".npz" else "an app's file has times"
-        raise RecordingError.at(path, f"{known} of its own; leave --rate out")
-    if of_app is not None:
-        recording = of_app
-    elif is_bag:
-        from pbd.files.importers.bag import read_bag
-
-        recording = read_bag(source, topic)
-    elif suffix == ".npz":
-        from pbd.files.importers.npz import read_npz
-
-        recording, truth = read_npz(source)
-    elif suffix in TEXT:
-        from pbd.files.importers.csv import read_csv
-
-        beside = {ours: name for ours, name in columns.items() if ".csv: " in name}
-        in_table = {ours: name for ours, name in columns.items() if ours not in beside}
-        recording = read_csv(source, in_table, units, rate_hz)
-        columns, units = beside, {}
-    else:
-        kind = f"'{suffix}' files"
-        if path.is_dir():
-            kind = "this folder: it is no bag, no x-IMU3's, no phone's, and accelerometer.csv is not in it"
-        elif suffix == ".zip":
-            kind = "this zip: no recording of Sensor Logger or phyphox is in it, and no accelerometer.csv"
-        elif suffix == ".json":
-            kind = "'.json' files; keyframes are edited in keyframes.toml, which `pbd keyframes DEMO --save` writes"
-        raise RecordingError.at(path, f"can't import {kind}; give a .csv, .tsv, .txt, .npz, .mcap, .db3 or .bag")
-    if columns or units:
-        from pbd.files.importers.columns import remapped
-
-        recording = remapped(path, recording, columns, units)
-    info = replace(recording.info, name=utf8_name(path.stem), sensor=f"{recording.info.sensor} (imported)")
-    demo = Demonstration(replace(recording, info=info), truth, notes=f"Imported from {utf8_name(path.name)}.")
+        raise RecordingError.at(request.path, what)
+    demo = next(filter(None, (read(request) for read in READERS)), None)
+    if demo is None:
+        raise _not_known(path)
+    info = replace(demo.recording.info, name=utf8_name(path.stem), sensor=f"{demo.recording.info.sensor} (imported)")
+    notes = f"Imported from {utf8_name(path.name)}."
+    demo = replace(demo, recording=replace(demo.recording, info=info), notes=notes)
     if path.name == "imu.csv" and (path.parent / "demo.toml").is_file():
+        same_times = rate_hz is None and "t" not in request.columns and "t" not in request.units
         return _as_before(demo, path.parent, same_times)
     return demo
+
+
+def _not_known(path: Path) -> RecordingError:
+    suffix = path.suffix.lower()
+    kind = f"'{suffix}' files"
+    if path.is_dir():
+        kind = "this folder: it is no bag, no x-IMU3's, no phone's, and accelerometer.csv is not in it"
+    elif suffix == ".zip":
+        kind = "this zip: no recording of Sensor Logger or phyphox is in it, and no accelerometer.csv"
+    elif suffix == ".json":
+        kind = "'.json' files; keyframes are edited in keyframes.toml, which `pbd keyframes DEMO --save` writes"
+    return RecordingError.at(path, f"can't import {kind}; give a .csv, .tsv, .txt, .npz, .mcap, .db3 or .bag")
 
 
 def _is_lfs_pointer(path: Path) -> bool:
@@ -123,11 +104,3 @@ def _as_before(demo: Demonstration, folder: Path, same_times: bool) -> Demonstra
         return demo
     recording = replace(recording, grip=grip)
     return replace(demo, recording=recording, places=known["places"], contacts=known["contacts"])
-
-
-def check_rate(path: Path, rate_hz: float, what: str) -> None:
-    """Refuse (RecordingError) a rate that no sensor has; `what` is the beginning of the message."""
-    slowest, fastest = RATES_HZ
-    if not slowest <= rate_hz <= fastest:
-        bound = "above zero" if not rate_hz > 0.0 else f"{slowest:g} to {fastest:g} Hz"
-        raise RecordingError.at(path, f"{what} {rate_hz:g}; it must be {bound}", value=rate_hz)

@@ -14,13 +14,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pbd.data import Recording
+from pbd.data import Demonstration, Recording
 from pbd.data.streams import Stream, joined
 from pbd.errors import PbdError, RecordingError, amount, in_words, listed, require_package, warn
-from pbd.files.importers.columns import with_source
+from pbd.files.importers.columns import remapped, with_source
 from pbd.files.importers.mcap_repair import repaired_bag, zstd_package
+from pbd.files.importers.request import Request
 from pbd.pose import Array, quat_from_xyzw, quat_to_rpy
 
+BAGS = (".mcap", ".db3", ".bag")
 IMU, FIELD = "sensor_msgs/msg/Imu", "sensor_msgs/msg/MagneticField"
 VECTORS = {IMU: (4, 3, 3), FIELD: (3,)}
 """Sizes of the vectors in the two messages.
@@ -42,16 +44,19 @@ LONGEST_MESSAGE = 10_000
 """Largest size of a decompressed message, bytes. An Imu has 316 and its frame's name."""
 
 
-def read_bag(path: Path, topic: str | None = None) -> Recording:
-    """Read a .mcap, a .db3 or a .bag file, or a ROS 2 bag's folder.
-
-    Args:
-        topic: the topic of sensor_msgs/Imu, if there are several.
+def read_bag(request: Request) -> Demonstration | None:
+    """Read a .mcap, a .db3 or a .bag file, or a ROS 2 bag's folder; None: it is none of these.
 
     Raises:
         PbdError: rosbags is missing.
-        RecordingError: the bag can't be read, or the topic must be named.
+        RecordingError: the bag can't be read, or the topic of sensor_msgs/Imu must be named: there are several.
     """
+    path, topic = request.path, request.topic
+    if request.suffix not in BAGS and not (path / "metadata.yaml").is_file():
+        if topic is not None:
+            raise RecordingError.at(path, "only a bag has topics; leave --topic out")
+        return None
+    request.refuse_rate("a bag has times")
     require_package("rosbags.rosbag2", "ros", "a bag")
     from rosbags import rosbag1, rosbag2
 
@@ -90,7 +95,8 @@ def read_bag(path: Path, topic: str | None = None) -> Recording:
     names |= {"acc": f"{of_acc}: linear_acceleration", "rpy": f"{of_gyr}: orientation"}
     names |= {"mag": f"{field[0]}: magnetic_field"} if field else {}
     unread = {name: f"another topic, of {kind}" for name, kind in given.items() if name not in wanted}
-    return with_source(recording, names, "its type", unread, {"mag": "T"})
+    recording = with_source(recording, names, "its type", unread, {"mag": "T"})
+    return Demonstration(remapped(path, recording, request.columns, request.units))
 
 
 class _Decoder:

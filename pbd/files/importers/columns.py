@@ -15,7 +15,8 @@ from pbd.data.source_columns import CHANNEL_OF, CHANNELS, NO_UNIT, QUANTITIES, R
 from pbd.data.units import UNITS, spelled, unit_factor
 from pbd.errors import RecordingError, UsageError, listed, printable
 from pbd.files.importers.header_names import looks_inertial, our_name, plain, split_unit, time_unit, why_never_read
-from pbd.files.table import Sheet
+from pbd.files.table import Sheet, Table
+from pbd.pose import Array
 
 WHY_UNUSED = "a file that isn't used"
 
@@ -99,6 +100,12 @@ def understand(sheet: Sheet, columns: Mapping[str, str], units: Mapping[str, str
     why = {name: why_not_read(name, found) if name in named else "a quaternion" for name in header if name not in used}
     _refuse_not_understood(path, why)
     return SourceColumns(tuple(read), why, program.title if program else "")
+
+
+def scaled(table: Table, found: SourceColumns, channel: str) -> Array:
+    """Return a channel's columns of a table (rows, axes), in our units."""
+    columns = found.of(channel)
+    return table.columns(*(column.name for column in columns)) * [column.factor for column in columns]
 
 
 def _by_name(header: Sequence[str]) -> dict[str, str]:
@@ -202,7 +209,12 @@ def with_source(
     return replace(recording, info=replace(recording.info, source=SourceColumns(tuple(columns), unread)))
 
 
-def remapped(path: Path, recording: Recording, columns: Mapping[str, str], units: Mapping[str, str]) -> Recording:
+def remapped(
+    path: Path,
+    recording: Recording,
+    columns: Mapping[str, str],
+    units: Mapping[str, str] = MappingProxyType({}),
+) -> Recording:
     """Swap and reverse axes of an imported recording, and change its units.
 
     Args:
@@ -213,6 +225,8 @@ def remapped(path: Path, recording: Recording, columns: Mapping[str, str], units
         UsageError: a channel or a unit is unknown.
         RecordingError: a column is unknown.
     """
+    if not (columns or units):
+        return recording
     understood = recording.info.source
     read = {name: values for name in ("gyr", "acc", "mag") if (values := getattr(recording, name)) is not None}
     changed = {name: values.copy() for name, values in read.items()}

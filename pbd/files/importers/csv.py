@@ -12,15 +12,14 @@ from typing import Any
 
 import numpy as np
 
-from pbd.data import Recording, RecordingInfo
+from pbd.data import Demonstration, Recording, RecordingInfo
 from pbd.data.imu_columns import ACC, device_rpy
 from pbd.data.one_line_repr import counted
-from pbd.data.source_columns import CHANNELS, DATES, Column, SourceColumns
+from pbd.data.source_columns import CHANNELS, DATES, SourceColumns
 from pbd.data.streams import RATE_TOLERANCE, Stream, joined
 from pbd.data.units import unit_factor
 from pbd.errors import RecordingError, listed, warn
 from pbd.files.header_line import without_thousands
-from pbd.files.importers import XIO_FILE, check_rate
 from pbd.files.importers.clock_columns import (
     choose_clock,
     dated_column,
@@ -28,14 +27,18 @@ from pbd.files.importers.clock_columns import (
     refuse_backwards,
     unwrapped,
 )
-from pbd.files.importers.columns import PROGRAMS, WHY_UNUSED, understand
+from pbd.files.importers.columns import PROGRAMS, remapped, scaled, understand
 from pbd.files.importers.grip_column import read_grip
 from pbd.files.importers.header_names import is_counter, is_time, is_time_step, own_times_of, plain, time_unit
 from pbd.files.importers.printed_lines import is_printed, printed_sheet
 from pbd.files.importers.refuse_several_devices import refuse_alternating_devices, refuse_several_devices
+from pbd.files.importers.request import Request, check_rate
+from pbd.files.importers.ximu3 import magnetometer_beside
 from pbd.files.table import Sheet, Table, foreign_text, open_sheet
 from pbd.io.numbers import is_stamp
 from pbd.pose import Array
+
+TEXT = (".csv", ".txt", ".tsv", ".log")
 
 OTHERS_ROWS = 0.05
 """Smallest share of rows without accelerometer and gyro that are taken for another sensor's rows, not for losses."""
@@ -44,56 +47,113 @@ TOP = 5000
 """Number of characters of the first rows, whose number of cells is compared with the header's."""
 
 
-def read_csv(
-    path: Path, columns: Mapping[str, str], units: Mapping[str, str], rate_hz: float | None = None
-) -> Recording:
-    """Read a recording from a table with a header.
+def read_csv(request: Request) -> Demonstration | None:
+    """Read a recording from a table with a header, or from lines with names beside the numbers; None: it is no text.
 
-    Args:
-        path: the file. If it has no magnetometer, x-io's Magnetometer.csv beside it is joined by its time.
-        columns: our name -> the file's column, if the header doesn't tell; -NAME reverses the sign. `dt` is the time
-            since the row before, in place of t.
-        units: channel (t, gyr, acc, mag, angle) -> unit, if the header doesn't tell; -UNIT reverses the sign.
-        rate_hz: row k is at k / rate_hz s; for a table without times, or with wrong ones.
+    If an x-IMU3's Inertial.csv has no magnetometer, the one beside it is joined. The column `dt` that a caller names is
+    the time since the row before, in place of t.
 
     Raises:
         RecordingError: a column or unit is missing or unknown, or the file is not a table.
     """
+    if request.suffix not in TEXT:
+        return None
+    path, beside = request.path, request.beside
+    given = {ours: name for ours, name in request.columns.items() if ours not in beside}
+    sheet, rate_hz = _opened(request, given)
+    units = request.units if rate_hz is None else {"t": "s", **request.units}  # of times that are not read
+    refuse_several_devices(sheet)
+    found, in_steps = _understood(sheet, given, units, rate_hz)
+    _refuse_missing(sheet, found, rate_hz)
+    refuse_alternating_devices(sheet, found)
+    if found.of("t"):
+        table, found, own = _timed(sheet, found, given, units, in_steps)
+    else:
+        table, own = sheet.read([column.name for column in found.columns]), {}
+    understood, magnetometer = magnetometer_beside(path, found, units)
+    with np.errstate(all="ignore"):  # infinite values are repaired later, like other invalid samples
+        channels = {channel: scaled(table, found, channel) for channel in CHANNELS if found.of(channel)}
+        for channel in {"angle", "rpy"} & channels.keys():  # WitMotion leaves an output that is off empty
+            if not np.isfinite(channels[channel]).any():
+                empty = dict.fromkeys((column.name for column in understood.of(channel)), "no number in any row")
+                kept = tuple(column for column in understood.columns if column.name not in empty)
+                understood = replace(understood, columns=kept).with_unread(empty)
+                del channels[channel]
+        if "t" in channels:
+            steps = channels["t"][:, 0]
+            t = unwrapped(np.cumsum(steps) if in_steps else steps, found, sheet)
+        else:
+            t, counted_by = _at_rate(sheet, rate_hz or 1.0, len(table.values))
+            understood = understood.with_unread(counted_by)
+        grip_name, grip = read_grip(sheet, given, t - t[np.isfinite(t)][0])
+        if grip_name:
+            does = (f"{'closes' if event.closed else 'opens'} at {event.t:.1f} s" for event in grip)
+            understood = understood.with_unread({grip_name: f"read as the grip: {listed(does) or 'always open'}"})
+        if "t" in channels:
+            t, channels = _with_times(sheet, table, found, t, channels, own)
+        mag, compass = channels.get("mag"), channels.get("angle")
+        sensor = next((program.sensor for program in PROGRAMS if program.title == understood.program), "unknown")
+        recording = Recording(
+            t=t - t[0],
+            acc=channels["acc"],
+            gyr=channels.get("gyr"),
+            mag=magnetometer.at(t) if mag is None and magnetometer is not None else mag,
+            device_rpy=channels.get("rpy") if compass is None else device_rpy(compass),
+            grip=grip,
+            info=RecordingInfo(sensor=sensor, rate_hz=rate_hz, source=understood),
+        )
+    if found.of("t"):
+        recording = _without_repeats(path, recording)
+    return Demonstration(remapped(path, recording, beside))
+
+
+def _opened(request: Request, columns: Mapping[str, str]) -> tuple[Sheet, float | None]:
+    """Open a table, or convert printed lines to one. Return it and its rate: the caller's, or that of its remarks."""
+    path, rate_hz = request.path, request.rate_hz
     text = foreign_text(path)
     sheet = printed_sheet(path, text) if is_printed(text) else open_sheet(path, foreign=True, text=text)
-    del text  # as large as the file
     of_remarks = re.search(r"(?im)^\W*update rate\s*:\s*([\d.]+)\s*hz", sheet.preamble)  # MT Manager's
     if rate_hz is None and of_remarks and not any(map(is_time, sheet.header)) and not {"t", "dt"} & {*columns}:
         rate_hz = float(of_remarks[1])
     if rate_hz is not None:
         check_rate(path, rate_hz, "the rate is")
-        units = {"t": "s", **units}  # of times that are not read
-    if any((unit_factor("t", units.get("t") or time_unit(name)) or 1.0) < 1.0 for name in sheet.header):
+    unit = request.units.get("t") or ("s" if rate_hz is not None else "")
+    if any((unit_factor("t", unit or time_unit(name)) or 1.0) < 1.0 for name in sheet.header):
         sheet = replace(sheet, body=without_thousands(sheet.body, sheet.delimiter))  # `100.010` may be ms, not s
     if (top := sheet.body[:TOP].rpartition("\n")[0]) and '"' not in top:
         replace(sheet, body=top).read(())  # refuses rows that are wider than the header before names are asked for
-    refuse_several_devices(sheet)
-    in_steps = "dt" in columns
-    given = columns
-    columns = {"t" if ours == "dt" else ours: name for ours, name in columns.items() if ours != "grip"}
+    return sheet, rate_hz
+
+
+def _understood(
+    sheet: Sheet, given: Mapping[str, str], units: Mapping[str, str], rate_hz: float | None
+) -> tuple[SourceColumns, bool]:
+    """Find which column contains what, and whether the time is that since the row before. With a rate it is not read.
+
+    A column of dates is recognised by its contents: it may have any name.
+    """
+    columns = {"t" if ours == "dt" else ours: name for ours, name in given.items() if ours != "grip"}
     found = understand(sheet, columns, units)
-    if not found.of("t") and rate_hz is None and (dates := dated_column(sheet)):
-        # A column of dates is recognised by its contents: it may have any name.
-        columns = {**columns, "t": dates}
-        found = understand(sheet, columns, units).with_column(dates, named_by=DATES)
-    elif not found.of("t") and rate_hz is None and (steps := next(filter(is_time_step, sheet.header), "")):
-        in_steps, columns = True, {**columns, "t": steps}
-        found = understand(sheet, columns, units).with_column(steps, named_by="its name: steps of time")
     if rate_hz is not None and (wrong := found.of("t")):
         name = wrong[0].name
         other = _other_rate(sheet, name, rate_hz)
-        warn(f"{path}: --rate {rate_hz:g} is used instead of the times in the column '{name}'{other}")
+        warn(f"{sheet.path}: --rate {rate_hz:g} is used instead of the times in the column '{name}'{other}")
         others = tuple(column for column in found.columns if column not in wrong)
         found = replace(found, columns=others).with_unread({name: "--rate is used instead"})
-    timed = bool(found.of("t"))
-    known = f"the columns are {listed(sheet.header)}"
+    elif rate_hz is None and not found.of("t"):
+        if dates := dated_column(sheet):
+            return understand(sheet, {**columns, "t": dates}, units).with_column(dates, named_by=DATES), False
+        if steps := next(filter(is_time_step, sheet.header), ""):
+            found = understand(sheet, {**columns, "t": steps}, units)
+            return found.with_column(steps, named_by="its name: steps of time"), True
+    return found, "dt" in given
+
+
+def _refuse_missing(sheet: Sheet, found: SourceColumns, rate_hz: float | None) -> None:
+    """Refuse a table without times, without an accelerometer, or without an axis of a sensor."""
+    path, known = sheet.path, f"the columns are {listed(sheet.header)}"
     say = "import it with --column for each, for example --column ax=NAME"
-    if not timed and rate_hz is None:
+    if not found.of("t") and rate_hz is None:
         what = f"no column for t (time); {known}: {say.replace('ax=', 't=')}, or with its --rate HZ"
         raise RecordingError.at(path, what)
     if not found.of("acc"):
@@ -105,82 +165,67 @@ def read_csv(
         if missing := [name for name in wanted if present and name not in present]:
             what = f"no column for '{missing[0]}', though there is '{present[0]}'"
             raise RecordingError.at(path, f"{what}; {known}: name it with --column {missing[0]}=NAME", value=missing[0])
+
+
+def _timed(
+    sheet: Sheet, found: SourceColumns, given: Mapping[str, str], units: Mapping[str, str], in_steps: bool
+) -> tuple[Table, SourceColumns, dict[str, str]]:
+    """Read the rows with the best clock of several; also return the columns of the gyro's and the magnetometer's times.
+
+    Raises:
+        RecordingError: a cell is no number, no clock is good, or a date has a unit.
+    """
     clocks = [column.name for column in found.of("t")]
-    if timed and "t" not in columns:
+    if not {"t", "dt"} & given.keys() and found.of("t")[0].named_by == "its name":
         clocks = [name for name in sheet.header if is_time(name)]
     own = {channel: name for channel in ("gyr", "mag") for name in sheet.header if own_times_of(name) == channel[0]}
-    own = {channel: name for channel, name in own.items() if timed and found.of(channel)}
+    own = {channel: name for channel, name in own.items() if found.of(channel)}
     stamped = [*clocks, *own.values()]
-    refuse_alternating_devices(sheet, found)
-    counter = [name for name in sheet.header if is_counter(name)][:1] if rate_hz is not None else []
-    table = sheet.read([*(column.name for column in found.columns), *stamped, *counter], times=stamped)
-    if timed:
-        read = {"", *(column.name for column in found.columns if column.ours != "t")}
-        unread = () if in_steps else [name for name in sheet.header if name not in read]
-        table, best, part = choose_clock(sheet, table, clocks, unread, units)
-        if best != found.of("t")[0].name:
-            found = understand(sheet, {**columns, "t": best}, units)
-            found = found.with_column(best, named_by="the best of several times")
-        if is_stamp(sheet.cell(best, 0)[1]):
-            if "t" in units:
-                what = f"the column '{best}' has dates or times of day, whose unit is known; leave --unit t out"
-                raise RecordingError.at(path, what)
-            found = found.with_column(best, unit="s", unit_by=DATES)  # whatever its name says
-        if part:
-            found = found.with_unread({part: f"read with {best}"})
-        if own_times_of(best) != "a":
-            own = {}  # those of the rows may be of another clock
-        found = found.with_unread(dict.fromkeys(own.values(), "its sensor's times"))
+    names = [column.name for column in found.columns]
+    table = sheet.read([*names, *stamped], times=stamped)
+    read = {"", *(column.name for column in found.columns if column.ours != "t")}
+    unread = () if in_steps else [name for name in sheet.header if name not in read]
+    table, best, part = choose_clock(sheet, table, clocks, unread, units)
+    if best != found.of("t")[0].name:
+        columns = {ours: name for ours, name in given.items() if ours != "grip"}
+        found = understand(sheet, {**columns, "t": best}, units)
+        found = found.with_column(best, named_by="the best of several times")
+    if is_stamp(sheet.cell(best, 0)[1]):
+        if "t" in units:
+            what = f"the column '{best}' has dates or times of day, whose unit is known; leave --unit t out"
+            raise RecordingError.at(sheet.path, what)
+        found = found.with_column(best, unit="s", unit_by=DATES)  # whatever its name says
+    if part:
+        found = found.with_unread({part: f"read with {best}"})
+    if own_times_of(best) != "a":
+        own = {}  # those of the rows may be of another clock
+    return table, found.with_unread(dict.fromkeys(own.values(), "its sensor's times")), own
 
-    understood, beside = _magnetometer_beside(path, found, units)
-    with np.errstate(all="ignore"):  # infinite values are repaired later, like other invalid samples
-        channels = {channel: _values(table, found.of(channel)) for channel in CHANNELS if found.of(channel)}
-        for channel in {"angle", "rpy"} & channels.keys():  # WitMotion leaves an output that is off empty
-            if not np.isfinite(channels[channel]).any():
-                empty = dict.fromkeys((column.name for column in understood.of(channel)), "no number in any row")
-                kept = tuple(column for column in understood.columns if column.name not in empty)
-                understood = replace(understood, columns=kept).with_unread(empty)
-                del channels[channel]
-        if in_steps:
-            channels["t"] = np.cumsum(channels["t"], axis=0)
-        clock = channels.get("t")
-        numbers = numbers_of_samples(counter[0], table.columns(*counter)[:, 0]) if counter else None
-        if numbers is not None:
-            understood = understood.with_unread(
-                {counter[0]: "the rate is used, and this shows which samples are missing"}
-            )
-        if clock is None:
-            t = (np.arange(len(table.values)) if numbers is None else numbers) / (rate_hz or 1.0)
-        else:
-            t = unwrapped(clock[:, 0], found, sheet)
-        grip_name, grip = read_grip(sheet, given, t - t[np.isfinite(t)][0])
-        if grip_name:
-            does = (f"{'closes' if event.closed else 'opens'} at {event.t:.1f} s" for event in grip)
-            understood = understood.with_unread({grip_name: f"read as the grip: {listed(does) or 'always open'}"})
-        if clock is not None:
-            refuse_backwards(sheet, found.of("t")[0].name, t)
-            filled = ~np.isnan(table.values).all(axis=1)  # spreadsheets write rows of empty cells
-            t, channels = t[filled], {channel: values[filled] for channel, values in channels.items()}
-            times = {}
-            for channel, name in own.items():
-                its = unwrapped(found.of("t")[0].factor * table.columns(name)[:, 0], found, sheet)
-                refuse_backwards(sheet, name, its)
-                if not np.array_equal(its[filled], t, equal_nan=True):
-                    times[channel] = its[filled]
-            if (apart := _joined(t, channels, times)) is not None:
-                t, channels = apart
-        mag, compass = channels.get("mag"), channels.get("angle")
-        sensor = next((program.sensor for program in PROGRAMS if program.title == understood.program), "unknown")
-        recording = Recording(
-            t=t - t[0],
-            acc=channels["acc"],
-            gyr=channels.get("gyr"),
-            mag=beside.at(t) if mag is None and beside is not None else mag,
-            device_rpy=channels.get("rpy") if compass is None else device_rpy(compass),
-            grip=grip,
-            info=RecordingInfo(sensor=sensor, rate_hz=rate_hz, source=understood),
-        )
-    return _without_repeats(path, recording) if timed else recording
+
+def _at_rate(sheet: Sheet, rate_hz: float, rows: int) -> tuple[Array, dict[str, str]]:
+    """Return the times of rows at a rate, and which column shows that samples are missing, if there is one."""
+    name = next(filter(is_counter, sheet.header), "")
+    numbers = numbers_of_samples(name, sheet.read([name]).values[:, 0]) if name else None
+    if numbers is None:
+        return np.arange(rows) / rate_hz, {}
+    return numbers / rate_hz, {name: "the rate is used, and this shows which samples are missing"}
+
+
+def _with_times(
+    sheet: Sheet, table: Table, found: SourceColumns, t: Array, channels: Mapping[str, Array], own: Mapping[str, str]
+) -> tuple[Array, dict[str, Array]]:
+    """Leave out rows without any number; join sensors with rows, or times of their own (`own`: their columns)."""
+    clock = found.of("t")[0]
+    refuse_backwards(sheet, clock.name, t)
+    filled = ~np.isnan(table.values).all(axis=1)  # spreadsheets write rows of empty cells
+    t, read = t[filled], {channel: values[filled] for channel, values in channels.items()}
+    times = {}
+    for channel, name in own.items():
+        its = unwrapped(clock.factor * table.columns(name)[:, 0], found, sheet)
+        refuse_backwards(sheet, name, its)
+        if not np.array_equal(its[filled], t, equal_nan=True):
+            times[channel] = its[filled]
+    return _joined(t, read, times) or (t, read)
 
 
 def _joined(
@@ -209,10 +254,6 @@ def _without_repeats(path: Path, recording: Recording) -> Recording:
     return replace(recording, **{name: values[kept] for name, values in channels.items()})
 
 
-def _values(table: Table, columns: list[Column]) -> Array:
-    return table.columns(*(column.name for column in columns)) * [column.factor for column in columns]
-
-
 def _other_rate(sheet: Sheet, name: str, rate_hz: float) -> str:
     """What the times of a column say against the given rate; "" if they agree, or their unit is unknown."""
     try:
@@ -227,21 +268,3 @@ def _other_rate(sheet: Sheet, name: str, rate_hz: float) -> str:
         f", by which the samples come at {own_hz:.4g} Hz: if they are right, every distance comes out "
         f"{(own_hz / rate_hz) ** 2:.2f} times its true value"
     )
-
-
-def _magnetometer_beside(
-    path: Path, found: SourceColumns, units: Mapping[str, str]
-) -> tuple[SourceColumns, Stream | None]:
-    """Read x-io's Magnetometer.csv beside its Inertial.csv; both have the device's time. List the other files."""
-    if path.name != XIO_FILE:
-        return found, None
-    stream, beside = None, path.with_name("Magnetometer.csv")
-    if beside.is_file() and not found.of("mag"):
-        sheet = open_sheet(beside, foreign=True)
-        other = understand(sheet, {}, units)
-        if other.of("t") and len(other.of("mag")) == len(CHANNELS["mag"]):
-            table = sheet.read([column.name for column in other.columns])
-            stream = Stream.of(_values(table, other.of("t"))[:, 0], _values(table, other.of("mag")))
-            found = found.with_file(beside.name, other)
-    others = {file.name for file in path.parent.glob("*.csv")} - {path.name, *((beside.name,) if stream else ())}
-    return found.with_unread(dict.fromkeys(sorted(others), WHY_UNUSED)), stream

@@ -3,15 +3,18 @@
 import io
 import zipfile
 import zlib
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path, PurePosixPath
 
 from pbd.data import Recording, RecordingInfo
 from pbd.data.source_columns import CHANNEL_OF, Column, SourceColumns
 from pbd.data.streams import Stream, joined
+from pbd.data.units import UNITS
 from pbd.errors import RecordingError, in_words, listed
 from pbd.files.importers.columns import why_not_read
+from pbd.files.importers.header_names import looks_inertial
 from pbd.files.table import Sheet, foreign_text, open_sheet
 from pbd.io.read_file import LARGE, read_bytes
 
@@ -25,8 +28,11 @@ Files = dict[str, Callable[[], bytes]]
 """Name of a CSV file, without suffix -> a function that reads it."""
 
 
-def files_in_folder(folder: Path) -> Files:
-    """List the CSV files of a folder, and phyphox' clock."""
+def files_of(path: Path) -> Files:
+    """List the CSV files of a zip or a folder, or those beside a CSV file."""
+    if path.suffix.lower() == ".zip":
+        return _files_in_zip(path)
+    folder = path if path.is_dir() else path.parent
     names = sorted(each for each in (*folder.glob("*.csv"), folder / f"{PHYPHOX_CLOCK}.csv") if each.is_file())
     return {
         str(file.relative_to(folder).with_suffix("")): partial(read_bytes, file, RecordingError, "give another")
@@ -34,7 +40,7 @@ def files_in_folder(folder: Path) -> Files:
     }
 
 
-def files_in_zip(path: Path) -> Files:
+def _files_in_zip(path: Path) -> Files:
     """List the CSV files of a zip, in any folder; RecordingError: it is not a zip, or has several recordings."""
     data = read_bytes(path, RecordingError, "export it again")
     try:
@@ -74,25 +80,56 @@ def sheet_of(path: Path, name: str, read: Callable[[], bytes]) -> Sheet:
     """Read the header of a CSV file, `name` without suffix, of the recording at `path`."""
     folder = path.parent if path.suffix.lower() == ".csv" else path
     file = folder / f"{name}.csv"
-    return open_sheet(file, foreign=True, text=foreign_text(file, read()))
+    with may_be_removed(name):
+        return open_sheet(file, foreign=True, text=foreign_text(file, read()))
 
 
-def stream_of(sheet: Sheet, columns: Sequence[str], scale: float = 1.0) -> Stream:
-    """Read a sensor's samples from columns of time, x, y, z: sorted, without repeated times and rows with NaN."""
-    rows = sheet.read(columns).values
-    return Stream.of(rows[:, 0], scale * rows[:, 1:])
+@contextmanager
+def may_be_removed(name: str) -> Iterator[None]:
+    """Read the file `name`, without suffix, of one sensor. If it is broken, and not needed, say that it may be removed.
+
+    Tracking needs an accelerometer, and does without a gyro or a magnetometer.
+    """
+    try:
+        yield
+    except RecordingError as error:
+        if sensor := {"g": "gyro", "m": "magnetometer"}.get(looks_inertial(f"{name} x")):
+            what = f"{error.message}; or remove {name}.csv, to import the recording without its {sensor}"
+            raise RecordingError(what, **error.fields) from None
+        raise
 
 
-def columns_of(program: str, names: Sequence[str], kind: str, file: str, sign: float, unit: str) -> list[Column]:
-    """Describe columns of time, x, y, z, as the program documents them."""
-    by = f"{program}'s documentation"
-    ours = ("t", 1.0, "s"), *((f"{kind[0]}{axis}", sign, unit) for axis in "xyz")
-    return [Column(f"{file}: {name}", *its, by, by) for name, its in zip(names, ours, strict=True)]
+def read_sensor(
+    program: str, parts: Sequence[tuple[Sheet, Sequence[str]]], channel: str, sign: float = 1.0, unit: str = ""
+) -> tuple[Stream, list[Column]]:
+    """Read a sensor's samples as the program documents them: their sum, if it writes gravity and the rest apart.
+
+    Samples are sorted, without repeated times and rows with NaN.
+
+    Args:
+        parts: files, and their columns of time, x, y, z. The first one's times are used.
+        unit: the unit of the values; "": ours.
+    """
+    ours = ("t", 1.0, "s"), *((f"{channel[0]}{axis}", sign, unit or next(iter(UNITS[channel]))) for axis in "xyz")
+    file, by = _sum(sheet.path.name for sheet, _ in parts), f"{program}'s documentation"
+    names = map(_sum, zip(*(columns for _, columns in parts), strict=True))
+    described = [Column(f"{file}: {name}", *its, by, by) for name, its in zip(names, ours, strict=True)]
+    streams = []
+    for sheet, columns in parts:
+        with may_be_removed(sheet.path.stem):
+            rows = sheet.read(columns).values
+        streams.append(Stream.of(rows[:, 0], described[1].factor * rows[:, 1:]))
+    first, *others = streams
+    return Stream.of(first.t, sum((other.at(first.t) for other in others), first.values)), described
 
 
-def unread_of(file: str, header: Sequence[str], used: Collection[str]) -> dict[str, str]:
+def _sum(names: Iterable[str]) -> str:
+    return " + ".join(dict.fromkeys(names))
+
+
+def unread_of(sheet: Sheet, used: Collection[str]) -> dict[str, str]:
     """Return the columns of a file that were not read, and why."""
-    return {f"{file}: {name}": why_not_read(name, CHANNEL_OF) for name in header if name not in used}
+    return {f"{sheet.path.name}: {name}": why_not_read(name, CHANNEL_OF) for name in sheet.header if name not in used}
 
 
 def joined_recording(path: Path, streams: Mapping[str, Stream], sensor: str, source: SourceColumns) -> Recording:

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pbd.data import Recording, RecordingInfo, Truth
+from pbd.data import Demonstration, Recording, RecordingInfo, Truth
 from pbd.errors import RecordingError, in_words, listed, no_library_warnings, printable
-from pbd.files.importers import check_rate
-from pbd.files.importers.columns import with_source
+from pbd.files.importers.columns import remapped, with_source
 from pbd.files.importers.header_names import looks_inertial
+from pbd.files.importers.request import Request, check_rate
 from pbd.io.read_file import LARGE, read_bytes
 from pbd.pose import Array
 
@@ -21,8 +21,8 @@ KEYS = ("rate_hz", "acc", "gyr", "mag", "true_position", "true_wxyz", "true_rate
 NEXT_STEP = "save it with numpy.savez"
 
 
-def read_npz(path: Path) -> tuple[Recording, Truth | None]:
-    """Read a recording and, if known, its truth, whose first known position becomes the origin.
+def read_npz(request: Request) -> Demonstration | None:
+    """Read a recording and, if known, its truth, whose first known position becomes the origin; None: it is no npz.
 
     The arrays are rate_hz; acc (n, 3) m/s2; gyr (n, 3) rad/s; mag (n, 3) uT; true_position (m, 3) m; true_wxyz (m, 4);
     true_rate_hz if the truth has another rate. Only rate_hz and acc are required. NaN means unknown.
@@ -30,6 +30,10 @@ def read_npz(path: Path) -> tuple[Recording, Truth | None]:
     Raises:
         RecordingError: the file is not an npz, or an array is missing or has a wrong shape.
     """
+    path = request.path
+    if request.suffix != ".npz":
+        return None
+    request.refuse_rate("an npz has a rate")
     arrays, others = _arrays(path)
     for key in ("rate_hz", "acc"):
         if key not in arrays:
@@ -62,7 +66,8 @@ def read_npz(path: Path) -> tuple[Recording, Truth | None]:
     )
     unread = dict.fromkeys(others, "none of the names that are known")
     recording = with_source(recording, {key: key for key in ("gyr", "acc", "mag")}, "its name", unread)
-    return recording, _truth(arrays, rates["true_rate_hz"])
+    recording = remapped(path, recording, request.columns, request.units)
+    return Demonstration(recording, _truth(arrays, rates["true_rate_hz"]))
 
 
 def _arrays(path: Path) -> tuple[dict[str, NDArray[Any]], tuple[str, ...]]:

@@ -15,14 +15,17 @@ from pathlib import Path
 
 import numpy as np
 
-from pbd.data import Recording
+from pbd.data import Demonstration
 from pbd.data.source_columns import CHANNELS, DATES, SourceColumns
 from pbd.data.streams import Stream
 from pbd.errors import RecordingError, listed, printable, warn
 from pbd.files.importers.clock_columns import refuse_backwards, unwrapped
-from pbd.files.importers.columns import WHY_UNUSED, understand
-from pbd.files.importers.csv_bundle import files_in_folder, files_in_zip, joined_recording, sheet_of
+from pbd.files.importers.columns import WHY_UNUSED, remapped, understand
+from pbd.files.importers.csv_bundle import files_of, joined_recording, may_be_removed, sheet_of
 from pbd.files.importers.header_names import is_time, our_name, plain
+from pbd.files.importers.phones import phone_files
+from pbd.files.importers.request import Request
+from pbd.files.importers.ximu3 import INERTIAL
 from pbd.files.table import Sheet
 from pbd.io.numbers import is_stamp
 
@@ -33,33 +36,28 @@ METABASE = ("epoc (ms)", "epoch (ms)")
 """The first column of MetaBase's files, in its versions."""
 
 
-def read_sensor_files(path: Path, units: Mapping[str, str]) -> Recording | None:
+def read_sensor_files(request: Request) -> Demonstration | None:
     """Read a recording from a folder, a zip, or one of its files with those beside it; None: it is no such recording.
-
-    Args:
-        units: t, gyr, acc or mag -> its unit, if the headers don't tell.
 
     Raises:
         RecordingError: there are several recordings, no accelerometer, or no clock in common; or a file can't be read.
     """
-    is_table = path.is_file() and path.suffix.lower() == ".csv"
-    its_device, its_channel = _sensor(path.stem) if is_table else ("", "")
-    if is_table and not its_channel:
+    path, is_csv = request.path, request.is_csv
+    its_device, its_channel = _sensor(path.stem) if is_csv else ("", "")
+    if not request.may_be_several_files or (is_csv and (not its_channel or phone_files(path))):
         return None
     recordings: dict[str, dict[str, Sheet]] = {}
-    files = (
-        files_in_zip(path) if path.suffix.lower() == ".zip" else files_in_folder(path if path.is_dir() else path.parent)
-    )
+    files = files_of(path)
     for name, read in files.items():
         device, channel = _sensor(name)
-        if not channel or (is_table and device != its_device):
+        if not channel or (is_csv and device != its_device):
             continue
         if not _axes(sheet := sheet_of(path, name, read), channel):
             continue
         if (first := recordings.setdefault(device, {}).setdefault(channel, sheet)) is not sheet:
             both = f"{first.path.name} and {sheet.path.name} are of the same sensor"
             raise RecordingError.at(path, f"{both}; keep one recording in a folder")
-    if is_table and all(sheet.path != path for of in recordings.values() for sheet in of.values()):
+    if is_csv and all(sheet.path != path for of in recordings.values() for sheet in of.values()):
         return None
     if len(recordings) > 1:
         recordings.pop("linear_", None)  # a phone's acceleration without gravity, beside its accelerometer
@@ -68,20 +66,24 @@ def read_sensor_files(path: Path, units: Mapping[str, str]) -> Recording | None:
     if not recordings:
         return None
     (sheets,) = recordings.values()
-    if is_table and list(sheets) == ["acc"] and all(map(our_name, _axes(sheets["acc"], "acc").values())):
+    if is_csv and list(sheets) == ["acc"] and all(map(our_name, _axes(sheets["acc"], "acc").values())):
         return None
+    request.refuse_rate("an app's file has times")
     if "acc" not in sheets:
-        raise RecordingError.at(path, "no file of the accelerometer is beside it; export all sensors of the recording")
+        what = f"no file of the accelerometer is beside it; put it there (an x-IMU3's is {INERTIAL})"
+        raise RecordingError.at(path, f"{what}, or export all sensors of the recording")
     clock = _clock(path, list(sheets.values()))
     streams, understood = dict[str, Stream](), SourceColumns()
     for channel, sheet in sheets.items():
-        streams[channel], its = _stream(sheet, clock, channel, units)
+        with may_be_removed(sheet.path.stem):
+            streams[channel], its = _stream(sheet, clock, channel, request.units)
         understood = understood.with_file(sheet.path.name, its)
     if sheets["acc"].header[0].startswith(METABASE):
         understood = replace(understood, program="MetaBase (MbientLab)")
     used = [sheet.path.stem for sheet in sheets.values()]
     understood = understood.with_unread({f"{name}.csv": WHY_UNUSED for name in files if name not in used})
-    return joined_recording(path, streams, "metawear" if understood.program else "unknown", understood)
+    recording = joined_recording(path, streams, "metawear" if understood.program else "unknown", understood)
+    return Demonstration(remapped(path, recording, request.columns))
 
 
 def _sensor(name: str) -> tuple[str, str]:

@@ -21,23 +21,22 @@ from pathlib import Path
 
 import numpy as np
 
-from pbd.data import GRAVITY, Recording
+from pbd.data import GRAVITY, Demonstration
 from pbd.data.paused_clock import ClockEvent, PausedClock
 from pbd.data.source_columns import CHANNELS, Column, SourceColumns
 from pbd.data.streams import Stream
 from pbd.errors import RecordingError, warn
-from pbd.files.importers.columns import WHY_UNUSED, why_not_read
+from pbd.files.importers.columns import WHY_UNUSED, remapped, why_not_read
 from pbd.files.importers.csv_bundle import (
     PHYPHOX_CLOCK,
     Files,
-    columns_of,
-    files_in_folder,
-    files_in_zip,
+    files_of,
     joined_recording,
+    read_sensor,
     sheet_of,
-    stream_of,
     unread_of,
 )
+from pbd.files.importers.request import Request
 from pbd.files.table import Sheet
 
 LOGGER_FILES = (
@@ -53,7 +52,6 @@ PHYPHOX_QUANTITIES = {
     "mag": r"magnetic field ([xyz]) \([µμ]t\)",
     "linear": r"linear acceleration ([xyz]) \(m/s(?:\^2|²)\)",
 }
-PHYPHOX_UNITS = {"gyr": "rad/s", "acc": "m/s2", "mag": "uT"}
 PHYPHOX_TIME = "Time (s)"
 LOGGER = "Sensor Logger"
 WRIST = "WristMotion"
@@ -71,12 +69,15 @@ PHYPHOX_FILES = (*PHYPHOX_IOS, "Acceleration", "Magnetic field")
 """Sets that phyphox' experiments, and ours, export beside one another."""
 
 
-def read_phone(path: Path) -> Recording | None:
+def read_phone(request: Request) -> Demonstration | None:
     """Read a recording from a zip, a folder, or a CSV file in such a folder; None: it is from neither app.
 
-    A watch is read where there is no phone.
+    A watch is read where there is no phone. A CSV file for which columns or units are given is an ordinary table.
     """
-    files = files_in_zip(path) if path.suffix.lower() == ".zip" else phone_files(path)
+    path = request.path
+    if not request.may_be_several_files or (request.is_csv and request.units and not request.beside):
+        return None
+    files = phone_files(path)
     logger = {name: files[name] for name in LOGGER_FILES if name in files}
     sheets = {name: sheet_of(path, name, read) for name, read in logger.items()}
     sheets = {name: sheet for name, sheet in sheets.items() if {*sheet.header} >= {*LOGGER_COLUMNS}}
@@ -90,20 +91,21 @@ def read_phone(path: Path) -> Recording | None:
         read = {WRIST}
     else:
         return None
+    request.refuse_rate("an app's file has times")
     if WRIST in files and WRIST not in read:
         warn(f"{path}: the phone is read, not the watch; for that import {WRIST}.csv alone")
     understood = understood.with_unread({f"{name}.csv": WHY_UNUSED for name in sorted(files.keys() - read)})
-    return joined_recording(path, streams, "watch" if WRIST in read else "phone", understood)
+    recording = joined_recording(path, streams, "watch" if WRIST in read else "phone", understood)
+    return Demonstration(remapped(path, recording, request.columns, request.units))
 
 
 def phone_files(path: Path) -> Files:
-    """List the CSV files of a folder; or a CSV file of these apps, and those beside it if all have the app's names.
+    """List the CSV files of a folder or a zip; or a CSV file of these apps, and those beside it with the app's names.
 
     A CSV file that is not theirs gives none.
     """
-    folder = path if path.is_dir() else path.parent
     family: tuple[str, ...] = ()
-    if path.is_file():
+    if path.suffix.lower() == ".csv" and path.is_file():
         with path.open("rb") as file:
             header = file.readline(1000).decode("utf-8", "replace")
         logger = path.stem in LOGGER_FILES and set(header.strip().split(",")) >= {*LOGGER_COLUMNS}
@@ -112,8 +114,7 @@ def phone_files(path: Path) -> Files:
             return {}
         family = (*LOGGER_FILES, METADATA) if logger else PHYPHOX_FILES
         family = (path.stem, PHYPHOX_CLOCK, *(family if path.stem in family else ()))
-    files = files_in_folder(folder)
-    return {name: read for name, read in files.items() if not family or name in family}
+    return {name: read for name, read in files_of(path).items() if not family or name in family}
 
 
 def _metadata(files: Files) -> Mapping[str, str]:
@@ -127,25 +128,22 @@ def _metadata(files: Files) -> Mapping[str, str]:
 def _read_sensor_logger(
     path: Path, sheets: Mapping[str, Sheet], metadata: Mapping[str, str]
 ) -> tuple[dict[str, Stream], SourceColumns]:
-    def stream(name: str, scale: float = 1.0) -> Stream:
-        return stream_of(sheets[name], LOGGER_COLUMNS, scale)
-
     ios = metadata.get("platform") == "ios"
     reversed_ = ios and metadata.get("standardisation") != "true"
     sign, unit = -1.0 if reversed_ else 1.0, "m/s2"
     if "TotalAcceleration" in sheets:
-        acc, source = stream("TotalAcceleration", sign), "TotalAcceleration.csv"
+        acc = ["TotalAcceleration"]
     elif {"Accelerometer", "Gravity"} <= sheets.keys():
         if not metadata:
             what = "Metadata.csv is missing, which says whether the signs are an iPhone's; add it, or export again"
             raise RecordingError.at(path, what)
-        linear, gravity = stream("Accelerometer", sign), stream("Gravity", sign)
-        acc, source = Stream.of(linear.t, linear.values + gravity.at(linear.t)), "Accelerometer.csv + Gravity.csv"
+        acc = ["Accelerometer", "Gravity"]
     elif "AccelerometerUncalibrated" in sheets:
-        source, unit = "AccelerometerUncalibrated.csv", "g" if reversed_ else "m/s2"
-        acc = stream("AccelerometerUncalibrated", sign * (GRAVITY if reversed_ else 1.0))
-        if not metadata and len(acc) and np.median(np.linalg.norm(acc.values, axis=1)) < 0.5 * GRAVITY:
-            acc, sign, unit = Stream(acc.t, -GRAVITY * acc.values), -1.0, "g"  # an iPhone's
+        acc = ["AccelerometerUncalibrated"]
+        if not metadata:
+            values = sheets[acc[0]].read(LOGGER_COLUMNS[1:]).values
+            reversed_ = bool(np.nanmedian(np.linalg.norm(values, axis=1)) < 0.5 * GRAVITY)
+        sign, unit = (-1.0, "g") if reversed_ else (1.0, "m/s2")
     else:
         needed = "Gravity.csv beside Accelerometer.csv" if ios else "TotalAcceleration.csv"
         needed += " (an iPhone's Gravity.csv)" * (not metadata)
@@ -153,17 +151,21 @@ def _read_sensor_logger(
         why = "Accelerometer.csv is without gravity" if "Accelerometer" in sheets else "no acceleration is in it"
         what = f"{why}, and {needed} is needed; switch on '{switch}' in Sensor Logger and record again"
         raise RecordingError.at(path, what)
-    streams, read = {"acc": acc}, {"acc": (source, sign, unit)}
-    for kind, name, unit in (("gyr", "Gyroscope", "rad/s"), ("mag", "Magnetometer", "uT")):
+    read: dict[str, tuple[list[str], float, str]] = {"acc": (acc, sign, unit)}
+    for channel, name in (("gyr", "Gyroscope"), ("mag", "Magnetometer")):
         if found := next((each for each in (name, f"{name}Uncalibrated") if each in sheets), None):
-            streams[kind], read[kind] = stream(found), (f"{found}.csv", 1.0, unit)
-    columns = [column for kind, its in read.items() for column in columns_of(LOGGER, LOGGER_COLUMNS, kind, *its)]
-    used = {name for source, _, _ in read.values() for name in re.findall(r"(\w+)\.csv", source)}
+            read[channel] = [found], 1.0, ""
+    streams, columns, used = dict[str, Stream](), list[Column](), set[str]()
+    for channel, (names, sign, unit) in read.items():
+        parts = [(sheets[name], LOGGER_COLUMNS) for name in names]
+        streams[channel], described = read_sensor(LOGGER, parts, channel, sign, unit)
+        columns += described
+        used |= {*names}
     unread = {f"{name}.csv": "a better file is there" for name in sheets if name not in used}
     if "Accelerometer.csv" in unread:
         unread["Accelerometer.csv"] = "without gravity"
     for name in sorted(used):
-        unread |= unread_of(f"{name}.csv", sheets[name].header, LOGGER_COLUMNS)
+        unread |= unread_of(sheets[name], LOGGER_COLUMNS)
     return streams, SourceColumns(tuple(columns), unread, f"{LOGGER} (a phone)")
 
 
@@ -171,16 +173,13 @@ def _read_watch(path: Path, files: Files) -> tuple[dict[str, Stream], SourceColu
     time, used = LOGGER_COLUMNS[0], {LOGGER_COLUMNS[0], *WRIST_AXES}
     if WRIST not in files or not {*(sheet := sheet_of(path, WRIST, files[WRIST])).header} >= used:
         return None
-    rows = sheet.read((time, *WRIST_AXES)).values
-    turn, gravity, linear = np.split(rows[:, 1:], 3, axis=1)
-    standard = bool(np.nanmedian(np.linalg.norm(gravity, axis=1)) > 0.5 * GRAVITY)
-    sign, unit, scale = (1.0, "m/s2", 1.0) if standard else (-1.0, "g", -GRAVITY)
-    streams = {"acc": Stream.of(rows[:, 0], scale * (gravity + linear)), "gyr": Stream.of(rows[:, 0], turn)}
-    sums = [" + ".join(both) for both in zip(WRIST_AXES[3:6], WRIST_AXES[6:], strict=True)]
-    columns = columns_of(LOGGER, (time, *sums), "acc", f"{WRIST}.csv", sign, unit)
-    columns += columns_of(LOGGER, (time, *WRIST_AXES[:3]), "gyr", f"{WRIST}.csv", 1.0, "rad/s")
-    unread = unread_of(f"{WRIST}.csv", sheet.header, used)
-    return streams, SourceColumns(tuple(dict.fromkeys(columns)), unread, f"{LOGGER} (a watch)")
+    turn, gravity, linear = ((sheet, (time, *WRIST_AXES[k : k + 3])) for k in (0, 3, 6))
+    norm = np.linalg.norm(sheet.read(gravity[1][1:]).values, axis=1)
+    standard = bool(np.nanmedian(norm) > 0.5 * GRAVITY)
+    acc, of_acc = read_sensor(LOGGER, (gravity, linear), "acc", *((1.0, "m/s2") if standard else (-1.0, "g")))
+    gyr, of_gyr = read_sensor(LOGGER, (turn,), "gyr")
+    source = SourceColumns(tuple(dict.fromkeys(of_acc + of_gyr)), unread_of(sheet, used), f"{LOGGER} (a watch)")
+    return {"acc": acc, "gyr": gyr}, source
 
 
 def _phyphox_quantities(header: Sequence[str], file: str) -> dict[str, list[str]]:
@@ -217,15 +216,16 @@ def _read_phyphox(path: Path, files: Files) -> tuple[dict[str, Stream], SourceCo
                     continue
                 what = f"'{axes[0]}' is in {name}.csv and in another file too; keep one recording in a folder"
                 raise RecordingError.at(path, what)
-            stream = stream_of(sheet, [PHYPHOX_TIME, *axes])
+            channel = "acc" if kind == "linear" else kind
+            stream, described = read_sensor("phyphox", [(sheet, [PHYPHOX_TIME, *axes])], channel)
             streams[kind] = Stream(clock.to_elapsed(stream.t), stream.values)
             if kind == "linear":
                 unread |= dict.fromkeys((f"{name}.csv: {axis}" for axis in axes), "without gravity")
             else:
-                columns += columns_of("phyphox", [PHYPHOX_TIME, *axes], kind, f"{name}.csv", 1.0, PHYPHOX_UNITS[kind])
+                columns += described
         if used:
             files_read.add(name)
-            unread |= unread_of(f"{name}.csv", sheet.header, used)
+            unread |= unread_of(sheet, used)
     if not streams:
         return None
     if "acc" not in streams:
