@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 
 from pbd.data import GRAVITY, Recording
 from pbd.errors import PbdWarning, RecordingError
@@ -120,6 +120,11 @@ def test_an_ximu3s_folder(tmp_path: Path) -> None:
     its = [f"Magnetometer.csv: Magnetometer {axis} (a.u.)" for axis in "XYZ"]
     turned = known(import_file(tmp_path, {"mx": f"-{its[2]}", "mz": its[0]}).recording.mag)
     assert_allclose(turned[0], [1.0, 0.0, 1.0])
+    for each in (import_file(tmp_path / "Magnetometer.csv"), import_file(tmp_path / "Inertial.csv")):
+        assert_array_equal(known(each.recording.mag), known(recording.mag))
+    (tmp_path / "Inertial.csv").unlink()
+    with pytest.raises(RecordingError, match=r"put it there \(an x-IMU3's is Inertial.csv\)"):
+        import_file(tmp_path / "Magnetometer.csv")
 
 
 PLOTTER = "AccelX:0.5,AccelY:0.25,AccelZ:9.75,GyroX:1.5,GyroY:0.00,GyroZ:-2.00\n"

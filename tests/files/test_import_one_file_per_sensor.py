@@ -145,3 +145,18 @@ def test_a_phones_file_with_a_unit_is_an_ordinary_table(tmp_path: Path) -> None:
     folder = written(tmp_path / "walk", dict.fromkeys(times, "time,seconds_elapsed,z,y,x"), times)
     with pytest.raises(RecordingError, match="no column for ax, ay, az"):
         import_file(folder / "Accelerometer.csv", {}, {"acc": "g"})
+
+
+@pytest.mark.parametrize("broken", ["t,x,y,z\n", "t,x,y,z\n1,2,3,4\n2,a,3,4\n", "t,x,y,z\n2,1,2,3\n1,1,2,3\n"])
+def test_a_broken_file_that_is_not_needed_may_be_removed(tmp_path: Path, broken: str) -> None:
+    times = dict.fromkeys(("acc", "gyro"), ("1", "2"))
+    folder = written(tmp_path / "walk", dict.fromkeys(times, "t,x,y,z"), times)
+    (folder / "gyro.csv").write_text(broken)
+    with pytest.raises(RecordingError, match=r"gyro.csv.*; or remove gyro.csv, to import .* without its gyro$"):
+        import_file(folder)
+    (folder / "gyro.csv").unlink()
+    assert import_file(folder).recording.gyr is None
+    (folder / "acc.csv").write_text(broken)
+    with pytest.raises(RecordingError, match=r"acc\.csv") as refused:
+        import_file(folder)
+    assert "remove acc.csv" not in refused.value.message

@@ -7,7 +7,7 @@ import numpy as np
 from pbd.pose import Array
 from pbd.tracking.repair.clock import CLOCK_JUMP_S
 from pbd.tracking.repair.gaps import BRIDGED_S
-from pbd.tracking.repair.repair_recording import LARGEST_READING
+from pbd.tracking.repair.units import LARGEST_READING
 
 GAP_ACC, GAP_RATE = 2.0, 1.0
 """One sigma of the motion in a long gap, m/s2 and rad/s. (`pbd.track` refuses such a gap in a move.)"""

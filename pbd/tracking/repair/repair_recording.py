@@ -11,21 +11,12 @@ from numpy.typing import NDArray
 
 from pbd.data import Recording
 from pbd.errors import RecordingError, warn
-from pbd.pose import Array
 from pbd.tracking.repair.channel_faults import WITHOUT_FIELD, frozen_rows, magnetometer_is_dead, refuse_dead
 from pbd.tracking.repair.clock import with_clock
 from pbd.tracking.repair.gaps import BRIDGED_S, FROZEN, Gap, bridged, find_gaps, warn_of_gaps
 from pbd.tracking.repair.gyro_consistency import refuse_disagreement
 from pbd.tracking.repair.splices import in_order, refuse_doubled, without_wild
-
-LARGEST_READING = 1e5
-"""Largest possible reading of any sensor, in its SI unit or uT. A larger one counts as missing."""
-
-WEAKEST_FIELD = 0.01
-"""Smallest reading of a magnetometer, uT, or as a multiple of the Earth's field. imu.csv has four decimals."""
-
-LARGEST_ANGLE = 4.0 * np.pi
-"""Largest angle of the device's own attitude, rad: a heading that counts on after a turn. Degrees pass it soon."""
+from pbd.tracking.repair.units import LARGEST_READING, refuse_other_units
 
 
 def repair_recording(recording: Recording) -> tuple[Recording, tuple[Gap, ...]]:
@@ -43,6 +34,7 @@ def repair_recording(recording: Recording) -> tuple[Recording, tuple[Gap, ...]]:
     columns: dict[str, Any] = {name: np.asfortranarray(values) for name, values in recording.channels.items()}
     recording = with_clock(dataclasses.replace(recording, **columns))
     t, interval = recording.t, 1.0 / recording.rate_hz
+    refuse_other_units(recording)
     recording, missing = _fill_missing(recording)
     refuse_dead(recording)
     refuse_doubled(recording)
@@ -68,25 +60,6 @@ def repair_recording(recording: Recording) -> tuple[Recording, tuple[Gap, ...]]:
     return recording, long
 
 
-def _refuse_field_unit(mag: Array) -> None:
-    """Refuse a field (n, 3) that can only be in another unit than uT or the Earth's field (a.u.)."""
-    known = np.linalg.norm(np.clip(mag, -1e9, 1e9)[np.isfinite(mag).all(axis=1)], axis=1)
-    usual = float(np.median(known)) if len(known) else 0.0
-    if 0.0 < usual < WEAKEST_FIELD or LARGEST_READING < usual < 1e9:
-        raise RecordingError(
-            f"the magnetometer reads {usual:.2g} uT, but the Earth's field is 25 to 65 uT: its unit is another; "
-            "import the file with --unit mag=T, gauss, mgauss or uT",
-            value=usual,
-        )
-
-
-def _refuse_degrees(rpy: Array) -> None:
-    """Refuse the device's own attitude (n, 3) if it can only be in degrees. Single wild values are no sign of it."""
-    if (angle := float(np.percentile(np.abs(rpy).max(axis=1), 95.0))) > LARGEST_ANGLE:
-        what = f"the device's own attitude has angles up to {angle:.3g} rad: they are in degrees"
-        raise RecordingError(f"{what}; import the file with --unit angle=deg", value=angle)
-
-
 def _longest_unbroken(recording: Recording, gaps: tuple[Gap, ...]) -> Recording | None:
     """The longest part between gaps, in which gyro and gravity can be compared. None if it is shorter than a second."""
     if not gaps:
@@ -105,8 +78,6 @@ def _fill_missing(recording: Recording) -> tuple[Recording, NDArray[np.bool_]]:
     missing = np.zeros(len(recording), dtype=bool)
     filled: dict[str, Any] = {}
     for name, values in recording.channels.items():
-        if name == "mag":
-            _refuse_field_unit(values)
         good = np.asarray((np.abs(values) < LARGEST_READING).all(axis=1))  # False for NaN
         if not good.any() and name == "mag":
             warn(f"the magnetometer has no number in any row {WITHOUT_FIELD}")
@@ -114,8 +85,6 @@ def _fill_missing(recording: Recording) -> tuple[Recording, NDArray[np.bool_]]:
             continue
         if not good.any():
             raise RecordingError(f"'{name}' has no number in any row; leave the column out or record again")
-        if name == "device_rpy":
-            _refuse_degrees(values[good])
         # A magnetometer is often sampled more slowly: rows without it are no gap.
         missing |= ~good if name in ("acc", "gyr") else False
         filled[name] = bridged(recording.t, values, good)
