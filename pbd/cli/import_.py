@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from pbd.cli.common import decoder_maker, refuse_columns, store_demonstration
 from pbd.cli.console import say, working
-from pbd.data import Demonstration
+from pbd.data import Demonstration, Recording
 from pbd.data.source_columns import SourceColumns
 from pbd.errors import PbdError, RecordingError, SensorError, TrackingError, UsageError, amount, listed, warn
 from pbd.files.demo import demo_folder
@@ -46,13 +46,9 @@ def run(args: argparse.Namespace) -> None:
     recording, source = demo.recording, demo.recording.info.source
     if recording.gyr is None:
         warn(NO_GYRO)
-    # Refuse wrong units or a wrong clock before anything is stored. A TrackingError is left to the tracking command.
     try:
-        with suppress(TrackingError), working("checking it"):
-            repaired, _ = repair_recording(recording)
-            if recording.info.rate_hz is None:  # of evenly spaced times, where the file's come in batches
-                recording = replace(recording, info=replace(recording.info, rate_hz=repaired.rate_hz))
-            find_rest(repaired)
+        with working("checking it"):
+            recording = _checked(recording)
     except RecordingError:
         _print_columns(args, source)  # how they were read may be the cause
         raise
@@ -79,6 +75,19 @@ def run(args: argparse.Namespace) -> None:
     if failure:
         warn(f"stored, but not as a default demonstration: {failure}")
     _print_columns(args, source)
+
+
+def _checked(recording: Recording) -> Recording:
+    """Refuse wrong units or a wrong clock before anything is stored. A TrackingError is left to the tracking command.
+
+    Return the recording with its rate, which is that of evenly spaced times, where the file's come in batches.
+    """
+    with suppress(TrackingError):
+        repaired, _ = repair_recording(recording)
+        if recording.info.rate_hz is None:
+            recording = replace(recording, info=replace(recording.info, rate_hz=repaired.rate_hz))
+        find_rest(repaired)
+    return recording
 
 
 def _print_columns(args: argparse.Namespace, source: SourceColumns) -> None:

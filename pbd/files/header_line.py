@@ -99,17 +99,18 @@ def without_thousands(body: str, delimiter: str) -> str:
 def without_cut_row(path: Path, body: str, cells: int, delimiter: str) -> str:
     """Leave out a last row without a line end and with fewer cells, as a lost power leaves it. Warns of it."""
     body = body.rstrip("\0")
-    rows, _, last = body.rpartition("\n")
+    end = max(body.rfind("\n"), 0)
+    last = body[end + 1 :]
     if (
-        not rows.strip()
-        or not last.strip()
+        not last.strip()
         or last.count(delimiter) >= cells - 1
         or '"' in last
         or last[0] not in "0123456789-+."
+        or not body[:end].strip()
     ):
         return body
     warn(f"{path}: the last row is cut off, and left out: it has no line end")
-    return rows
+    return body[:end]
 
 
 def _is_row(line: str) -> bool:

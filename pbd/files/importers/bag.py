@@ -80,7 +80,7 @@ def read_bag(request: Request) -> Demonstration | None:
     of_gyr, of_acc = imus[-1], imus[0]
     begin, values = read[of_gyr][0][0], read[of_gyr][1]
     times = {name: 1e-9 * (ns - begin) for name, (ns, _) in read.items()}
-    t, (xyzw, gyr, acc) = times[of_gyr], np.split(values, (4, 7), axis=1)
+    t, (xyzw, gyr, acc) = times[of_gyr], np.split(np.asfortranarray(values), (4, 7), axis=1)
     if of_acc != of_gyr:
         streams = {"acc": Stream.of(times[of_acc], read[of_acc][1][:, 7:]), "gyr": Stream.of(t, gyr)}
         t, at = joined(streams)

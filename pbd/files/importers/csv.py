@@ -218,13 +218,14 @@ def _with_times(
     clock = found.of("t")[0]
     refuse_backwards(sheet, clock.name, t)
     filled = ~np.isnan(table.values).all(axis=1)  # spreadsheets write rows of empty cells
-    t, read = t[filled], {channel: values[filled] for channel, values in channels.items()}
+    rows = slice(None) if filled.all() else filled
+    t, read = t[rows], {channel: values[rows] for channel, values in channels.items()}
     times = {}
     for channel, name in own.items():
         its = unwrapped(clock.factor * table.columns(name)[:, 0], found, sheet)
         refuse_backwards(sheet, name, its)
-        if not np.array_equal(its[filled], t, equal_nan=True):
-            times[channel] = its[filled]
+        if not np.array_equal(its[rows], t, equal_nan=True):
+            times[channel] = its[rows]
     return _joined(t, read, times) or (t, read)
 
 
@@ -244,11 +245,13 @@ def _joined(
 
 def _without_repeats(path: Path, recording: Recording) -> Recording:
     """Leave out rows that repeat the row before with its time, if most do, and samples don't share coarse times."""
+    if not len(steps := np.diff(recording.t)) or np.median(steps) > 0.0:
+        return recording
     channels: dict[str, Any] = {"t": recording.t, **recording.channels}
     rows = np.column_stack(list(channels.values()))
     kept = np.concatenate(([True], ~((rows[1:] == rows[:-1]) | np.isnan(rows[1:]) & np.isnan(rows[:-1])).all(axis=1)))
-    steps, left = np.diff(recording.t), np.diff(recording.t[kept])
-    if not len(left) or np.median(steps) > 0.0 or not np.median(left) > 0.0:
+    left = np.diff(recording.t[kept])
+    if not len(left) or not np.median(left) > 0.0:
         return recording
     warn(f"{path}: {counted(int((~kept).sum()), 'row')} that repeat the row before are left out")
     return replace(recording, **{name: values[kept] for name, values in channels.items()})
