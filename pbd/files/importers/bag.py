@@ -80,7 +80,8 @@ def read_bag(request: Request) -> Demonstration | None:
     of_gyr, of_acc = imus[-1], imus[0]
     begin, values = read[of_gyr][0][0], read[of_gyr][1]
     times = {name: 1e-9 * (ns - begin) for name, (ns, _) in read.items()}
-    t, (xyzw, gyr, acc) = times[of_gyr], np.split(np.asfortranarray(values), (4, 7), axis=1)
+    # Tracking is faster with contiguous columns.
+    t, (xyzw, gyr, acc) = times[of_gyr], map(np.asfortranarray, np.split(values, (4, 7), axis=1))
     if of_acc != of_gyr:
         streams = {"acc": Stream.of(times[of_acc], read[of_acc][1][:, 7:]), "gyr": Stream.of(t, gyr)}
         t, at = joined(streams)
@@ -136,6 +137,7 @@ class _Decoder:
             what = f"its messages are of {len(self._frames)} devices (the frames {frames}); give each its own topic"
             raise RecordingError.at(self._path, what, value=len(self._frames))
         received, ns, values = np.array(self._received), np.concatenate(self._ns), np.vstack(self._values)
+        self._values.clear()  # as large as the bag
         if len(ns) > 1 and not np.ptp(ns) and np.ptp(received):
             warn(f"{self._path}: the headers' stamps are empty; the times at which the messages were recorded are used")
             ns = received
@@ -148,8 +150,9 @@ class _Decoder:
             at = 1e-9 * float(ns[np.argmax(overtaken)] - ns[0])
             what = f"the headers' stamps run backwards near t = {at:.1f} s, because a clock was set back"
             raise RecordingError.at(self._path, f"{what}; record again, or cut the bag there")
-        new = np.append(True, (np.diff(ns) > 0) | (np.diff(np.nan_to_num(values), axis=0) != 0.0).any(axis=1))
-        return ns[new], values[new]
+        again = np.flatnonzero(np.diff(ns) == 0)  # with the time of the one before, and its values too
+        again = again[(np.nan_to_num(values[again]) == np.nan_to_num(values[again + 1])).all(axis=1)]
+        return np.delete(ns, again + 1), np.delete(values, again + 1, axis=0)
 
     def _decode(self) -> None:
         waiting, self._waiting = self._waiting, []
