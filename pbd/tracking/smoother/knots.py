@@ -10,7 +10,18 @@ from pbd.pose import Array, quat_rotate, quat_to_matrix
 from pbd.tracking.first_rest import Rest
 from pbd.tracking.moving_windows import Rows, Spans, cumulative
 from pbd.tracking.noise import Noise, densities
-from pbd.tracking.smoother.preintegration import BLOCK_S, GYR_MATRIX, GyroFrame, Legs, LostMotion, preintegrate
+from pbd.tracking.smoother.preintegration import (
+    ACC_MATRIX,
+    BLOCK_S,
+    GYR_MATRIX,
+    LOWER,
+    POS,
+    VEL,
+    GyroFrame,
+    Legs,
+    LostMotion,
+    preintegrate,
+)
 from pbd.tracking.zero_velocity import ENERGY_WINDOW_S
 
 INSET_SHARE = 0.2
@@ -122,9 +133,7 @@ def build_problem(
     stop_of = np.where(stop_of < 0, -1, np.searchsorted(used, stop_of))
     borders = np.concatenate((t[rows[:1]], 0.5 * (t[rows[1:]] + t[rows[:-1]]), t[rows[-1:]]))
     legs = preintegrate(frame, rows, density, lost_motion, _knot_velocity(frame, rows, stop_of))
-    # Within stops, the gyro's bias is estimated but not its scales: a scale factor of zero would remove noise and sway,
-    # and so fit best.
-    legs.J[same_stop, :, GYR_MATRIX] = 0.0
+    _fix_sway(legs, quat_to_matrix(frame.wxyz[(rows[:-1] + rows[1:]) // 2]), np.where(same_stop, stop_of[:-1], -1))
     return Problem(
         frame,
         rest,
@@ -143,6 +152,29 @@ def build_problem(
         None if mag is None else _mean_field(frame, mag, rows, max(1, round(STOP_KNOT_S / dt))),
         no_gyro,
     )
+
+
+def _fix_sway(legs: Legs, C: Array, stop: NDArray[np.intp]) -> None:
+    """Leave noise, sway and tremor in a stop out of what the matrices multiply.
+
+    A scale factor of zero would remove them, and so fit best (errors in variables). What a stop shows of the matrices
+    is only how they change its mean specific force; it shows the gyro's bias, but none of its scales.
+
+    Source: W. A. Fuller, Measurement error models, Wiley 1987, 1.1.
+
+    Args:
+        C: (m, 3, 3), gyro frame <- sensor, in the middle of each leg.
+        stop: (m,) index of the stop in which each leg lies, or -1.
+    """
+    within, (i, j) = stop >= 0, LOWER
+    legs.J[within, :, GYR_MATRIX] = 0.0
+    stop, C, T = stop[within], C[within], legs.T[within, None, None]
+    total = np.zeros((len(C), 4))
+    np.add.at(total, stop, np.column_stack((legs.dU, legs.T))[within])
+    force = total[stop, :3] / total[stop, 3:]
+    in_sensor = (C.transpose(0, 2, 1) @ force[:, :, None])[:, :, 0]
+    by_matrix = -T * C[:, :, i] * in_sensor[:, None, j]
+    legs.J[within, VEL, ACC_MATRIX], legs.J[within, POS, ACC_MATRIX] = by_matrix, 0.5 * T * by_matrix
 
 
 def _place_knots(t: Array, stops: Spans, extra_rows: Sequence[int]) -> tuple[Rows, NDArray[np.intp]]:
