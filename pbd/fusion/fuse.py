@@ -12,8 +12,8 @@ from pbd.fusion.grips import differing_grips
 from pbd.fusion.joint_estimate import LARGEST_LEVER_M, Observations, TaskState, estimate_jointly
 from pbd.fusion.known_stops import condition_on_known_stops
 from pbd.fusion.marginals import estimate_with_device, marginal_of
-from pbd.fusion.matching import MATCH_M, align
-from pbd.fusion.moved_things import another_thing, find_moved_keyframes
+from pbd.fusion.matching import MATCH_M, Alignment, Keyframes, align
+from pbd.fusion.moved_things import MovedKeyframes, another_thing, find_moved_keyframes
 from pbd.fusion.outliers import disagreement, outlying_take, without_outlying_keyframes
 from pbd.fusion.result import Fused, hand_path
 from pbd.fusion.scatter import TRACKER_FREEDOM, common_scatter, keyframe_scatter
@@ -58,13 +58,7 @@ def estimated(takes: Sequence[Take], calibration: Calibration | None = None) -> 
     Raises:
         TrackingError: most takes don't agree.
     """
-    keyframes = [matched_keyframes(take) for take in takes]
-    moved = find_moved_keyframes(keyframes)
-    if moved is not None:
-        keyframes = [moved.put_back(k, one) for k, one in enumerate(keyframes)]
-        if also := another_thing(moved, keyframes):
-            warn(also)
-    alignment = align(keyframes)
+    moved, alignment = _matched([matched_keyframes(take) for take in takes])
     refuse_other_tasks(takes, alignment)
     left_out = dict.fromkeys(alignment.strangers, "another task, or only a part of it")
     while True:
@@ -92,7 +86,24 @@ def estimated(takes: Sequence[Take], calibration: Calibration | None = None) -> 
     scatter = estimate_jointly(observations, joint.state, keyframe_scatter(honest.scatter)).scatter
     joint = replace(honest, state=joint.state.in_case_axes(observations.device[0]))
     _, kept = alignment.kept()
+    for line in _undecided_stops(alignment, takes):
+        warn(line)
     return Fused(takes, used, left_out, kept, outliers, observations, joint, scatter, states, moved)
+
+
+def _matched(shown: Sequence[Keyframes]) -> tuple[MovedKeyframes | None, Alignment]:
+    """Return what moved with an object, and the matched takes; a take of another task doesn't show that one moved."""
+    strangers: tuple[int, ...] = ()
+    for _ in range(2):
+        moved = find_moved_keyframes(shown, strangers)
+        keyframes = shown if moved is None else [moved.put_back(k, one) for k, one in enumerate(shown)]
+        alignment = align(keyframes)
+        strangers = alignment.strangers
+        if moved is None or not strangers:
+            break
+    if moved is not None and (also := another_thing(moved, keyframes)):
+        warn(also)
+    return moved, alignment
 
 
 def _with_known_stops(
@@ -127,19 +138,27 @@ def _shifted_sensors(takes: Sequence[FusedTake]) -> str:
     )
 
 
+def _undecided_stops(alignment: Alignment, takes: Sequence[Take]) -> list[str]:
+    """Say which stops are left out though half of the takes have them."""
+    undecided: dict[tuple[int, ...], list[int]] = {}
+    for own in alignment.own[1:]:  # the first is the dock, which is kept
+        if 2 * len(own) == len(alignment.registered):
+            undecided.setdefault(tuple(sorted(own)), []).append(own[min(own)])
+    lines = []
+    for having, stops in undecided.items():
+        names, several = [takes[k].name for k in having], len(stops) > 1
+        lines.append(
+            f"only {' and '.join(names)} {'has' if len(names) == 1 else 'have'} stop{'s' * several} "
+            f"{' '.join(map(str, stops))}{'' if len(names) == 1 else f' of {names[0]}'}, and "
+            f"{'they are' if several else 'it is'} left out; one more take would show whether "
+            f"{'they belong' if several else 'it belongs'} to the task"
+        )
+    return lines
+
+
 def _exclusions(takes: Sequence[FusedTake]) -> list[str]:
     """Say which takes, and which keyframes of takes, are left out."""
-    lines = [f"{take.name} is left out: {take.left_out}" for take in takes if take.left_out]
-    used = [take for take in takes if not take.left_out]
-    for take in used if len(used) == 2 else []:  # with more takes the majority decides
-        if take.extra:
-            several = len(take.extra) > 1
-            lines.append(
-                f"only {take.name} has stop{'s' * several} {' '.join(map(str, take.extra))}, "
-                f"and {'they are' if several else 'it is'} left out; "
-                f"a third take would show whether {'they belong' if several else 'it belongs'} to the task"
-            )
-    return lines + [
+    return [f"{take.name} is left out: {take.left_out}" for take in takes if take.left_out] + [
         f"{take.name} is not believed at keyframe {j}: it is {1e3 * np.linalg.norm(take.off[j]):.0f} mm and "
         f"{in_degrees(take.off_rad[j])} from the other takes"
         for take in takes

@@ -5,7 +5,7 @@ frame of its own, which is rotated about the vertical and shifted in each take.
 """
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 
@@ -59,13 +59,17 @@ class MovedKeyframes:
         return replace(keyframes, p=p, R=R)
 
 
-def find_moved_keyframes(takes: Sequence[Keyframes]) -> MovedKeyframes | None:
+def find_moved_keyframes(takes: Sequence[Keyframes], strangers: Collection[int] = ()) -> MovedKeyframes | None:
     """Return the keyframes that most likely moved with an object, or None.
 
     Only takes with the most frequent number of keyframes and pattern of grips are compared.
+
+    Args:
+        strangers: takes of another task, which are not compared.
     """
-    usual = Counter((len(take), take.grip) for take in takes).most_common(1)[0][0]
-    members = [k for k, take in enumerate(takes) if (len(take), take.grip) == usual]
+    shown = {k: (len(take), take.grip) for k, take in enumerate(takes) if k not in strangers}
+    usual = Counter(shown.values()).most_common(1)[0][0]
+    members = [k for k, one in shown.items() if one == usual]
     count, reference = usual[0], members[0]
     ref, others = takes[reference], members[1:]
     if not others:

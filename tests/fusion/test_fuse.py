@@ -228,15 +228,21 @@ def test_a_grip_that_moves_at_a_stop_that_is_left_out_is_said() -> None:
 
 
 def test_stops_that_only_one_of_two_takes_has_are_reported(takes: list[Demonstration]) -> None:
-    with pytest.warns(match="only take 1 has stops 5 6, and they are left out; a third take"):
+    with pytest.warns(match="only take 1 has stops 5 6, and they are left out; one more take"):
         assert len(pbd.fuse([takes[0], shortened(takes[1], 5)]).stops) == 5
+
+
+def test_stops_that_half_of_four_takes_have_are_reported(takes: list[Demonstration]) -> None:
+    with pytest.warns(match="only take 1 and take 3 have stops 5 6 of take 1, and they are left out; one more take"):
+        fused = pbd.fuse([takes[0], shortened(takes[1], 5), takes[2], shortened(takes[3], 5)])
+    assert len(fused.stops) == 5
 
 
 def test_of_three_takes_the_majority_decides_which_stops_belong_to_the_task(takes: list[Demonstration]) -> None:
     with warnings.catch_warnings(record=True) as told:
         warnings.simplefilter("always")
         assert len(pbd.fuse([takes[0], *(shortened(take, 5) for take in takes[1:3])]).stops) == 5
-    assert not [str(each.message) for each in told if "third take" in str(each.message)]
+    assert not [str(each.message) for each in told if "one more take" in str(each.message)]
 
 
 @pytest.mark.parametrize("late_s", [0.0, 1.0])
@@ -335,7 +341,7 @@ def test_keyframes_that_a_long_lever_explains_are_warned_of(shift: float, warned
 
 def test_a_single_stop_is_reported_in_the_singular(takes: list[Demonstration]) -> None:
     first, second = (shortened(take, stops) for take, stops in zip(takes, (2, 1), strict=False))
-    with pytest.warns(match="only take 1 has stop 1, and it is left out; a third take would show whether it belongs"):
+    with pytest.warns(match="only take 1 has stop 1, and it is left out; one more take would show whether it belongs"):
         fused = pbd.fuse([first, second])
     assert repr(fused.fusion) == "<Fusion: 2 takes, 1 keyframe>"
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from pbd.fusion.fuse import _matched
 from pbd.fusion.matching import Keyframes
 from pbd.fusion.moved_things import another_thing, find_moved_keyframes
 from pbd.pose import Array
@@ -65,3 +66,15 @@ def test_a_second_thing_that_moved_is_said(second: bool) -> None:
     said = another_thing(moved, [moved.put_back(k, take) for k, take in enumerate(takes)])
     assert said.startswith(f"keyframes {moved.first}..{moved.last}, and apart from them") == second
     assert bool(said) == second
+
+
+def test_a_take_of_another_task_does_not_show_that_something_moved() -> None:
+    """Such a take fits better with a frame of its own for its last keyframes, but then it still does not match."""
+    other, rng = truth(1), np.random.default_rng(5)
+    other.m[2:] += (1.0, 0.0, 0.0) + 0.3 * rng.normal(size=(4, 3))
+    stranger = Keyframes(other.m, other.A, (None,) * 6, np.full(6, 1e-3))
+    takes = [*shown(0.0 * ELSEWHERE), stranger]
+    assert find_moved_keyframes(takes) is not None
+    moved, alignment = _matched(takes)
+    assert moved is None
+    assert alignment.strangers == (3,)
