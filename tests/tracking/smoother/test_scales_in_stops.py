@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from pbd.pose import Array, quat_to_matrix
-from pbd.tracking.smoother.knots import Problem
-from pbd.tracking.smoother.preintegration import ACC_MATRIX, GYR_MATRIX, POS, VEL
+from pbd.pose import Array, quat_exp, quat_to_matrix
+from pbd.tracking.smoother.knots import LONG_STOP_S, Problem, _fix_sway
+from pbd.tracking.smoother.preintegration import ACC_MATRIX, ERRORS, GYR_MATRIX, POS, VEL, Legs
 from pbd.tracking.smoother.state import lower_matrix
 from tests.known import known
 from tests.scenarios import simulate
@@ -32,6 +32,23 @@ def test_in_a_stop_the_accelerometers_matrix_multiplies_the_mean_force(problem: 
         change = -C @ lower_matrix(N) @ C.T @ mean_force(problem, problem.stop_of[k])
         np.testing.assert_allclose(problem.legs.J[k, VEL, ACC_MATRIX] @ N, change * T, rtol=1e-9)
         np.testing.assert_allclose(problem.legs.J[k, POS, ACC_MATRIX] @ N, change * T**2 / 2.0, rtol=1e-9)
+
+
+def test_in_a_long_stop_the_drift_of_the_gyro_frame_does_not_change_the_force() -> None:
+    """The second of two stops lasts 100 s, the gyro's bias 0.05 degrees a second. The first has a knot, but no leg."""
+    t, T, force, N = (
+        np.arange(100.0),
+        np.ones(100),
+        np.array((1.0, 2.0, 9.0)),
+        np.array((0.3, -0.2, 0.5, 0.7, -0.4, 0.1)),
+    )
+    C = quat_to_matrix(quat_exp(np.radians(0.05) * (t + 0.5)[:, None] * (1.0, 0.0, 0.0)))
+    none = np.zeros((0, 0))
+    legs = Legs(T, none, C @ force, none, np.ones((100, 9, ERRORS)), none)
+    _fix_sway(legs, t, C, np.ones(100, dtype=np.intp))
+    error = np.linalg.norm(legs.J[:, VEL, ACC_MATRIX] @ N + C @ lower_matrix(N) @ force, axis=1)
+    largest = np.linalg.norm(force) * np.linalg.norm(lower_matrix(N), 2)
+    assert error.max() < 0.5 * LONG_STOP_S * np.radians(0.05) * largest
 
 
 def test_only_moves_show_the_gyros_scales(problem: Problem) -> None:
