@@ -134,7 +134,7 @@ def build_problem(
     borders = np.concatenate((t[rows[:1]], 0.5 * (t[rows[1:]] + t[rows[:-1]]), t[rows[-1:]]))
     legs = preintegrate(frame, rows, density, lost_motion, _knot_velocity(frame, rows, stop_of))
     middle = quat_to_matrix(frame.wxyz[(rows[:-1] + rows[1:]) // 2])
-    _fix_sway(legs, t[rows[:-1]], middle, np.where(same_stop, stop_of[:-1], -1))
+    _fix_sway(legs, middle, np.where(same_stop, stop_of[:-1], -1))
     return Problem(
         frame,
         rest,
@@ -155,28 +155,24 @@ def build_problem(
     )
 
 
-def _fix_sway(legs: Legs, t: Array, C: Array, stop: NDArray[np.intp]) -> None:
+def _fix_sway(legs: Legs, C: Array, stop: NDArray[np.intp]) -> None:
     """Leave noise, sway and tremor in a stop out of what the matrices multiply.
 
     A scale factor of zero would remove them, and so fit best (errors in variables). What a stop shows of the matrices
-    is only how they change its mean specific force; it shows the gyro's bias, but none of its scales. The gyro frame
-    drifts, so a long stop has a mean for each LONG_STOP_S.
+    is only how they change its mean specific force; it shows the gyro's bias, but none of its scales.
 
     Source: W. A. Fuller, Measurement error models, Wiley 1987, 1.1.
 
     Args:
-        t: (m,) s, start of each leg.
         C: (m, 3, 3), gyro frame <- sensor, in the middle of each leg.
         stop: (m,) index of the stop in which each leg lies, or -1.
     """
     within, (i, j) = stop >= 0, LOWER
-    stop, t, C, T = stop[within], t[within], C[within], legs.T[within, None, None]
-    part = (t - t[np.searchsorted(stop, stop)]) // LONG_STOP_S
-    _, of = np.unique(np.column_stack((stop, part)), axis=0, return_inverse=True)
-    total = np.zeros((len(T), 4))
-    np.add.at(total, of.ravel(), np.column_stack((legs.dU, legs.T))[within])
-    mean = (total[:, :3] / np.maximum(total[:, 3:], np.finfo(float).tiny))[of.ravel()]
-    force = (C.transpose(0, 2, 1) @ mean[:, :, None])[:, :, 0]
+    stop, C, T = stop[within], C[within], legs.T[within, None, None]
+    gained = (C.transpose(0, 2, 1) @ legs.dU[within, :, None])[:, :, 0]
+    total = np.zeros((stop.max(initial=-1) + 1, 4))
+    np.add.at(total, stop, np.column_stack((gained, T[:, 0])))
+    force = total[stop, :3] / np.maximum(total[stop, 3:], np.finfo(float).tiny)
     by_matrix = -T * C[:, :, i] * force[:, None, j]
     legs.J[within, :, GYR_MATRIX] = 0.0
     legs.J[within, VEL, ACC_MATRIX], legs.J[within, POS, ACC_MATRIX] = by_matrix, 0.5 * T * by_matrix
