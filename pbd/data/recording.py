@@ -8,10 +8,10 @@ import numpy as np
 from pbd.data.field_checks import freeze_tuples, require_between, require_fields
 from pbd.data.one_line_repr import brief, counted, span
 from pbd.data.source_columns import IMU_CSV, SourceColumns
-from pbd.data.streams import batched_interval
 from pbd.errors import require_kind
 from pbd.frozen_arrays import Frozen, freeze_arrays, numeric
 from pbd.pose import Array
+from pbd.timestamps.even_times import batched_interval
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pbd.errors import warn
 from pbd.frozen_arrays import Frozen, freeze_arrays
 from pbd.pose import Array
+from pbd.timestamps.even_times import even_times
 
 RATE_TOLERANCE = 0.05
 """There is a warning if the measured rate differs from the nominal one by more than this share."""
@@ -17,9 +19,12 @@ MAX_GAP_STEPS = 2.5
 """Longest interpolated gap in usual steps: one lost sample is bridged, two are a gap."""
 
 
+NAMES = {"acc": "accelerometer", "gyr": "gyro", "mag": "magnetometer"}
+
+
 @dataclass(frozen=True, eq=False)
 class Stream(Frozen):
-    """One sensor's readings: `t` (n,) s, increasing; `values` (n, 3)."""
+    """One sensor's readings: `t` (n,) s, in order; `values` (n, 3)."""
 
     t: Array
     values: Array
@@ -32,10 +37,21 @@ class Stream(Frozen):
 
     @classmethod
     def of(cls, t: Array, values: Array) -> Stream:
-        """Sort readings (n, 3) by their times (n,) s; leave out repeated times and rows with a NaN."""
-        known = np.isfinite(t) & np.isfinite(values).all(axis=1)
-        in_order, first = np.unique(t[known], return_index=True)
-        return cls(in_order, values[known][first])
+        """Sort readings (n, 3) by their times (n,) s; leave out repeated rows and those with a NaN."""
+        known = np.flatnonzero(np.isfinite(t) & np.isfinite(values).all(axis=1))
+        rows = known[np.argsort(t[known], kind="stable")]
+        t, values = t[rows], values[rows]
+        new = np.append(True, (np.diff(t) > 0.0) | (np.diff(values, axis=0) != 0.0).any(axis=1))[: len(t)]
+        return cls(t[new], values[new])
+
+    def spaced(self, name: str) -> Stream:
+        """At evenly spaced times if its stamps jitter or come in batches, with a warning; else without equal times."""
+        even, fault = even_times(self.t)
+        if fault:
+            rate_hz = 1.0 / np.median(np.diff(even))
+            warn(f"the {NAMES[name]}'s time stamps {fault}; evenly spaced times at {rate_hz:.4g} Hz are used instead")
+        t, first = np.unique(even, return_index=True)
+        return Stream(t, self.values[first])
 
     def at(self, t: Array) -> Array:
         """Interpolate at times (m,) s -> (m, 3). NaN before the first sample, after the last, and in a gap."""
@@ -64,17 +80,7 @@ def joined(streams: Mapping[str, Stream]) -> tuple[Array, dict[str, Array]]:
     Returns:
         t (n,) s, and each stream's values (n, 3).
     """
+    streams = {name: stream.spaced(name) for name, stream in streams.items()}
     clock = streams.get("gyr", streams["acc"])
     t = clock.t[np.isfinite(streams["acc"].at(clock.t)[:, 0])]
     return t, {name: stream.at(t) for name, stream in streams.items()}
-
-
-def batched_interval(t: Array) -> float:
-    """Mean interval, s, of times (n,) of which several are equal, without gaps; 0: there are fewer than three times."""
-    first = np.flatnonzero(np.diff(t) > 0.0) + 1  # of each batch; the very first batch may be cut off
-    if len(first) < 2:
-        return 0.0
-    rows, steps = np.diff(first, append=len(t)), np.diff(t[first])
-    largest = np.maximum(rows[:-1], rows[1:])  # of both batches: a time is that of a batch's first or of its last row
-    usual = steps < 1.5 * np.median(steps) * np.maximum(largest / np.median(rows), 1.0)
-    return float(steps[usual].sum() / rows[:-1][usual].sum()) if usual.any() else 0.0

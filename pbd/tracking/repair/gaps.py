@@ -11,8 +11,8 @@ from pbd.data.one_line_repr import counted
 from pbd.data.streams import interpolate
 from pbd.errors import TrackingError, warn
 from pbd.pose import Array
+from pbd.timestamps.even_times import LATE_SAMPLES
 from pbd.tracking.first_rest import STILL_ACC
-from pbd.tracking.repair.clock import LATE_SAMPLES
 from pbd.tracking.zero_velocity import ENERGY_WINDOW_S
 
 FROZEN = "frozen (the reading repeats)"

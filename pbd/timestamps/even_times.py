@@ -1,0 +1,113 @@
+"""Evenly spaced times instead of stamps that are coarse, jitter or come in batches.
+
+The velocity errs by a stamp's error times the change of acceleration; coarse stamps also suggest a wrong rate and lost
+samples. So they are replaced, unless the samples themselves were taken at uneven times.
+"""
+
+import numpy as np
+
+from pbd.pose import Array
+from pbd.timestamps.straighten import LONGEST_BURST_S, WITHIN_BATCH, straighten
+
+COARSE_TICK = 0.05
+"""Time stamps are coarse if their resolution is at least this share of the sampling interval."""
+
+OFF_BEAT = 0.02
+"""Largest deviation of a step from a whole number of intervals, as a share of the interval, and largest share of steps
+that deviate by more. Beyond both, stamps are coarse or jitter.
+Stamps come in batches if a larger share of the steps than this is below WITHIN_BATCH intervals."""
+
+WANDER_RATIO = 0.5
+"""Largest mean square successive difference of the stamps' delays, as a share of their variance, if the samples were
+taken at uneven times. It is 2 if the delays are random (J. von Neumann, 1941)."""
+
+FEWEST_STEPS = 3
+"""Fewest steps of coarse times, or between batches, that tell the rate: the first and the last may be cut off."""
+
+LATE_SAMPLES = 8
+"""Within this many samples the stamps catch up after a late one; of twice as many, one is surely on time. After a lost
+sample they never catch up."""
+
+NOMINAL_TOLERANCE = 0.01
+"""No sample is lost if the mean rate differs from the nominal one by less than this share."""
+
+
+def even_times(t: Array, nominal_hz: float | None = None) -> tuple[Array, str]:
+    """Evenly spaced times (n,) s for stamps (n,) s of different samples; lost samples stay lost.
+
+    Args:
+        t: it must not run backwards.
+        nominal_hz: the sensor's rate, if it is known.
+
+    Returns:
+        The times, and what the stamps do: "jitter", "come in batches"; "" if they are kept as they are.
+    """
+    steps = np.diff(t)
+    if len(t) <= 4 * LATE_SAMPLES or (steps > WITHIN_BATCH * steps.mean()).sum() < FEWEST_STEPS:
+        return t, ""
+    interval, in_batches, complete = _sampling_interval(t, nominal_hz)
+    if not (fault := _stamp_fault(t, interval)):
+        return t, ""
+    even, _ = straighten(t, LONGEST_BURST_S if in_batches else 2 * LATE_SAMPLES * interval, complete)
+    if _is_uneven(t, even):
+        return t, ""
+    # Rounding errors of coarse stamps average out. Batches of unequal sizes would bias a fit.
+    slope, begin = (1.0, np.median(t - even)) if in_batches else np.polyfit(even, t, 1)
+    return begin + slope * even, fault
+
+
+def _sampling_interval(t: Array, nominal_hz: float | None) -> tuple[float, bool, bool]:
+    """The sampling interval, s, of stamps that may be coarse; whether they come in batches; whether none is lost."""
+    mean = float(t[-1] - t[0]) / (len(t) - 1)
+    complete = nominal_hz is not None and abs(mean * nominal_hz - 1.0) < NOMINAL_TOLERANCE
+    steps = np.diff(t)
+    # The samples of a batch may be stamped one after the other. The longest steps, if they are rare, are gaps.
+    begins = steps > WITHIN_BATCH * np.sort(steps)[: int((1.0 - OFF_BEAT) * len(steps))].mean()
+    batches = np.diff(np.flatnonzero(begins))
+    if len(batches) > 1 and batches.mean() > LATE_SAMPLES / 2:
+        arrived = t[np.maximum.accumulate(np.arange(len(t)) * np.append(True, begins))]
+        return mean if complete else batched_interval(arrived), True, complete
+    spans = t[LATE_SAMPLES:] - t[:-LATE_SAMPLES]
+    usual = float(np.sort(spans)[len(spans) // 2])  # not the mean of two, which may be far from both
+    if complete or usual <= 0.0:
+        return mean, False, complete
+    return float(spans[np.abs(spans - usual) < 0.5 * usual / LATE_SAMPLES].mean()) / LATE_SAMPLES, False, False
+
+
+def _stamp_fault(t: Array, interval: float) -> str:
+    """What is wrong with stamps (n,) s: that they "jitter", say; "" if nothing is."""
+    steps = np.diff(t)
+    if (steps < WITHIN_BATCH * interval).mean() > OFF_BEAT:
+        return "come in batches"
+    away = np.abs(steps - interval * np.maximum(np.rint(steps / interval), 1.0))
+    if (away > OFF_BEAT * interval).mean() <= OFF_BEAT:
+        return ""
+    tick = _tick(t)
+    return f"come in steps of {1e3 * tick:.4g} ms" if tick >= COARSE_TICK * interval else "jitter"
+
+
+def _is_uneven(t: Array, even: Array) -> bool:
+    """Whether the samples were taken at uneven times, as by a program that polls a sensor between other work.
+
+    Stamps of even samples scatter about even times, each by itself; those of uneven samples wander away from them. The
+    last sample of each batch tells, if it is off by more than rounding explains.
+    """
+    steps = np.diff(t)
+    delay = (t - even)[np.flatnonzero(steps > WITHIN_BATCH * steps.mean())]
+    return bool((np.diff(delay) ** 2).mean() < WANDER_RATIO * delay.var() > WANDER_RATIO * _tick(t) ** 2)
+
+
+def _tick(t: Array) -> float:
+    """The resolution, s, of stamps (n,) s, in whole us."""
+    return 1e-6 * float(np.gcd.reduce(np.rint(1e6 * np.diff(t)).astype(np.int64)))
+
+
+def batched_interval(t: Array) -> float:
+    """Mean interval, s, of times (n,) of which several are equal, without gaps; 0: there are fewer than three times."""
+    first = np.flatnonzero(np.diff(t) > 0.0) + 1  # of each batch; the very first batch may be cut off
+    if len(first) < 2:
+        return 0.0
+    rows, steps = np.diff(first, append=len(t)), np.diff(t[first])
+    largest = np.maximum(rows[:-1], rows[1:])  # of both batches: a time is that of a batch's first or of its last row
+    usual = steps < 1.5 * np.median(steps) * np.maximum(largest / np.median(rows), 1.0)
+    return float(steps[usual].sum() / rows[:-1][usual].sum()) if usual.any() else 0.0
