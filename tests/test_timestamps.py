@@ -276,8 +276,8 @@ def test_sensors_whose_arrivals_jitter_are_joined_as_if_they_did_not() -> None:
     """Each of 40 Hz, as a program stamps them. A sample that was late by over an interval seemed to be a gap."""
     rng, t = np.random.default_rng(0), np.arange(4000) / 40.0
     motion = np.sin(np.outer(t, (2.0, 3.0, 5.0)))
+    late = [np.maximum.accumulate(t + rng.exponential(0.005, len(t))) for _ in range(2)]
     with pytest.warns(PbdWarning, match="time stamps jitter; evenly spaced times at 40 Hz") as told:
-        late = [np.maximum.accumulate(t + rng.exponential(0.005, len(t))) for _ in range(2)]
         at, values = joined({"acc": Stream.of(late[0], motion), "gyr": Stream.of(late[1], motion)})
     assert [str(one.message)[:8] for one in told] == ["the acce", "the gyro"]
     assert np.diff(at) == pytest.approx(0.025, rel=1e-3)
