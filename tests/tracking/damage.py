@@ -359,6 +359,17 @@ def low_passed(channel: str, cutoff_hz: float) -> Damage:
     return damage
 
 
+def arriving(mean_s: float) -> Damage:
+    """A program stamps the samples when it gets them: random delays of this mean, one after the other."""
+
+    def damage(demo: Demonstration, rng: np.random.Generator) -> Demonstration:
+        t, info = demo.recording.t, replace(demo.recording.info, rate_hz=None)
+        arrived: Array = np.maximum.accumulate(t + rng.exponential(mean_s, len(t)))
+        return replace(demo, recording=replace(demo.recording, t=arrived - arrived[0], info=info))
+
+    return damage
+
+
 def polled(times: int) -> Damage:
     """A program reads the last sample this many times as often as there is a new one."""
 

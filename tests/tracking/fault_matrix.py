@@ -199,11 +199,12 @@ def faults() -> tuple[Fault, ...]:
 
 
 def lags() -> list[Fault]:
-    """Lags from two filters of one chip, and programs that read more often than there is a new sample."""
+    """Lags from two filters of one chip; programs that read too often, or stamp samples when they get them."""
     return [
         *(Fault("lag", f"{ms} ms", d.gyro_late(1e-3 * ms)) for ms in (5, 10, 15, 30, 60)),
         *(Fault("low-pass", f"acc {hz} Hz", d.low_passed("acc", hz)) for hz in (4, 8, 15, 40)),
         *(Fault("polled", f"{n} times", d.polled(n)) for n in (2, 3, 5, 10)),
+        *(Fault("arrival times", f"{ms} ms late", d.arriving(1e-3 * ms)) for ms in (1, 3, 10)),
     ]
 
 
