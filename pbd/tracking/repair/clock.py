@@ -1,6 +1,7 @@
 """Check time stamps, and space them evenly where they are coarse, jitter or come in batches."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,11 +9,11 @@ from numpy.typing import NDArray
 from pbd.data import Recording
 from pbd.data.one_line_repr import counted
 from pbd.data.source_columns import DATES, NO_UNIT, SourceColumns
-from pbd.data.streams import RATE_TOLERANCE
+from pbd.data.streams import RATE_TOLERANCE, interpolate
 from pbd.errors import RecordingError, warn
 from pbd.io.numbers import DAY_S
 from pbd.pose import Array
-from pbd.timestamps.even_times import batched_interval, even_times
+from pbd.timestamps.even_times import LATE_SAMPLES, OFF_BEAT, batched_interval, even_times
 
 SLOWEST_HZ, FASTEST_HZ = 4.0, 4000.0
 """Lowest and highest rate of inertial sensors, Hz; another rate means a wrong unit of time. Their ratio is 1000, so
@@ -23,6 +24,10 @@ SHORTEST_S = 0.3
 
 CLOCK_JUMP_S = 60.0
 """Longest time between two samples of one demonstration, s. A longer one is a jump of the clock."""
+
+
+REREAD_SHARE = 0.1
+"""A row that repeats the one before is the same sample if it comes sooner than an interval less this share of it."""
 
 
 def with_clock(recording: Recording) -> Recording:
@@ -41,7 +46,7 @@ def with_clock(recording: Recording) -> Recording:
         _refuse_slow(float(np.median(np.diff(known))) or batched_interval(known), source)
     _refuse_disorder(recording.t)
     t = steady_clock(recording)
-    recording = recording if t is recording.t else replace(recording, t=t)
+    recording = _without_rereads(recording if t is recording.t else replace(recording, t=t))
     step = float(np.median(np.diff(t)))
     if step <= 0.0:
         what = f"most rows carry the same time; {source.must_be_seconds()} that increase, or import it with --rate HZ"
@@ -110,6 +115,47 @@ def steady_clock(recording: Recording) -> Array:
             f"the time stamps {fault}; evenly spaced times at {1.0 / np.median(np.diff(even)):.4g} Hz are used instead"
         )
     return t
+
+
+def _without_rereads(recording: Recording) -> Recording:
+    """Interpolate between samples that a program read now once, now twice. Warns of it.
+
+    If it reads each of them equally often, they are as evenly spaced as the rows.
+    """
+    t, changed = recording.t, np.append(True, row_changes(recording.acc, recording.gyr))
+    new = _new_samples(t, changed)
+    reread = ~new & (np.diff(t, prepend=-np.inf) > 0.0)
+    taken, fault = (t, "") if reread.mean() <= OFF_BEAT else even_times(t[new])
+    if not fault:
+        return recording
+    warn(
+        f"{reread.mean():.0%} of the rows repeat the sample before, as the sensor gives only "
+        f"{1.0 / np.median(np.diff(taken)):.4g} a second; they are interpolated"
+    )
+    channels: dict[str, Any] = {
+        name: interpolate(t, taken, values[new])
+        for name, values in recording.channels.items()
+        if name in ("acc", "gyr")
+    }
+    return replace(recording, **channels)
+
+
+def _new_samples(t: Array, changed: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Rows (n,) that are not the sample before, read once more.
+
+    Noise changes each sample. The readings of a coarse sensor may stay, but then for whole intervals.
+
+    Args:
+        changed: (n,) rows that differ from the row before.
+    """
+    begin = np.flatnonzero(changed)
+    if len(begin) <= LATE_SAMPLES:
+        return np.ones(len(t), dtype=bool)
+    spans = t[begin[LATE_SAMPLES:]] - t[begin[:-LATE_SAMPLES]]
+    interval = float(np.percentile(spans, 10.0)) / LATE_SAMPLES  # at rest a coarse sensor changes less often
+    since = t - t[begin][np.cumsum(changed) - 1]
+    held = np.floor(since / max(interval, 1e-9) + REREAD_SHARE)
+    return np.asarray(changed | (np.diff(held, prepend=0.0) > 0.0))
 
 
 def _warn_of_rate(recording: Recording) -> None:

@@ -142,6 +142,24 @@ def test_arrival_times_of_a_busy_host_are_replaced(mean_ms: float, lost: float) 
     assert np.std(off) < 0.004
 
 
+@pytest.mark.parametrize("rate_hz", [57.0, 100.0])
+def test_samples_that_a_program_reads_now_once_now_twice_are_interpolated(rate_hz: float) -> None:
+    """Of a sensor of 40 Hz. A reading is up to half an interval older than its stamp, so the mean age matters not."""
+    t = np.arange(2000) / rate_hz
+    taken = np.floor(t * 40.0) / 40.0
+
+    def motion(t: Array) -> Array:
+        turns: Array = np.sin(np.outer(t, (2.0, 3.0, 5.0)))
+        return turns
+
+    with pytest.warns(PbdWarning, match=r"\d\d% of the rows repeat .* the sensor gives only 40 a second"):
+        mended = with_clock(Recording(t, motion(taken)))
+    late = np.linspace(0.0, 0.05, 51)
+    off = [np.abs(mended.acc[50:-50] - motion(t[50:-50] - each)).max() for each in late]
+    held = [np.abs(motion(taken[50:-50]) - motion(t[50:-50] - each)).max() for each in late]
+    assert min(off) < 0.2 * min(held)
+
+
 @settings(max_examples=40, deadline=None)
 @given(st.floats(20.0, 400.0), st.sampled_from([1e-3, 5e-3, 1e-2, 1.0 / 64.0]), st.integers(0, 10**6))
 def test_a_known_rate_puts_coarse_stamps_where_they_were(rate_hz: float, step_s: float, seed: int) -> None:
