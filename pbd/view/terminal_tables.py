@@ -52,30 +52,38 @@ def print_table(table: Table, stream: TextIO | None = None) -> None:
 def _fitting(table: Table, width: int) -> list[Table]:
     """Return a table that fits unwrapped, or a narrow one, split between columns into parts that fit.
 
-    Each part begins with the first column.
+    Each part begins with the first column. A column whose longest word leaves no room for others is folded.
     """
     if sum(max(map(cell_len, _lines(column))) + COLUMN_GAP for column in table.columns) - COLUMN_GAP <= width:
         return [table]
-    # Each word of a header gets a line of its own.
+    # Each word of a header may have a line of its own.
     first, *others = (replace(column, header=str(column.header).replace(" ", "\n")) for column in table.columns)
+    widest = max(width - NARROW_GAP - max(map(_narrowest, others), default=0), (width - NARROW_GAP) // 2)
     parts = [[first]]
     for column in others:
         wider = [*parts[-1], column]
-        if len(wider) == 2 or sum(map(_narrowest, wider)) + NARROW_GAP * (len(wider) - 1) <= width:
+        if len(wider) == 2 or sum(min(_narrowest(each), widest) + NARROW_GAP for each in wider) - NARROW_GAP <= width:
             parts[-1] = wider
         else:
             parts.append([first, column])
-    return [_rebuilt(part) for part in parts]
+    return [_rebuilt(part, [min(_narrowest(column), widest) for column in part], width) for part in parts]
 
 
-def _rebuilt(columns: Sequence[Column]) -> Table:
-    left = [str(column.header) for column in columns if not column.no_wrap]
+def _rebuilt(columns: Sequence[Column], least: Sequence[int], width: int) -> Table:
+    """Return a table of these columns. Each has its least width, and its share of what is left of the terminal's."""
+    lines = [_lines(column) for column in columns]
+    wanted = [max(map(cell_len, each)) - narrowest for each, narrowest in zip(lines, least, strict=True)]
+    left_over = width - sum(least) - NARROW_GAP * (len(columns) - 1)
+    share = min(left_over / max(sum(wanted), 1), 1.0)
+    headers, left = [str(column.header) for column in columns], [str(c.header) for c in columns if not c.no_wrap]
     cells: list[list[Any]] = [list(column.cells) for column in columns]
-    table = make_table(*(str(column.header) for column in columns), left=left, rows=zip(*cells, strict=True))
+    table = make_table(*headers, left=left, rows=zip(*cells, strict=True))
     table.collapse_padding = True  # NARROW_GAP
-    for column in table.columns:
-        column.overflow = "fold"
-        column.no_wrap |= not any(" " in str(cell) for cell in column.cells)  # a name stays whole, to be copied
+    for column, narrowest, more in zip(table.columns, least, wanted, strict=True):
+        column.overflow, column.no_wrap = "fold", False
+        column.width = narrowest + int(share * more)
+        one_line = str(column.header).replace("\n", " ")
+        column.header = one_line if cell_len(one_line) <= column.width else column.header
     return table
 
 

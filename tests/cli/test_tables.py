@@ -3,6 +3,7 @@
 import contextlib
 import csv
 import fcntl
+import itertools
 import json
 import os
 import pty
@@ -263,6 +264,21 @@ def test_no_number_is_cut_in_a_narrow_terminal(capsys: pytest.CaptureFixture[str
     assert max(map(len, shown.splitlines())) <= 60
     assert "…" not in shown
     assert set(re.findall(r"-?\d+\.\d+", piped)) <= set(shown.split())
+
+
+def test_a_long_name_leaves_room_for_the_other_columns(tea: Path) -> None:
+    """The name is folded; dates and words stay whole."""
+    name = "-".join(["a-name-of-seventy-nine-letters"] * 3)[:79]
+    tea.rename(tea.with_name(name))
+    for width in (40, 60, 80):
+        lines = in_terminal(width, "demos").splitlines()
+        assert max(map(len, lines)) <= width
+        assert any(re.search(r"\d{4}-\d\d-\d\d \d\d:\d\d", line) for line in lines)
+        assert any("simulated" in line for line in lines)
+        folded = itertools.dropwhile(
+            lambda word: not word.startswith("a-name"), (line.split()[0] for line in lines if line.strip())
+        )
+        assert "".join(folded).startswith(name)
 
 
 def test_a_stop_that_the_tracker_doubts_says_how_sure_it_is() -> None:
