@@ -132,7 +132,7 @@ class Feedback:
 
 def describe_stop(keyframe: Keyframe) -> str:
     """Write a stop's position in nav, and one sigma along its least certain axis, in cm."""
-    x, y, z = 100.0 * keyframe.T_nav_sensor.p
+    x, y, z = np.round(100.0 * keyframe.T_nav_sensor.p, 1) + 0.0  # no -0.0
     return f"({x:.1f}, {y:.1f}, {z:.1f}) cm, sigma {100.0 * sigma_of(keyframe):.1f} cm"
 
 

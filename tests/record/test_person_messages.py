@@ -90,6 +90,7 @@ def test_a_flaw_of_the_data_is_told(scripted: tuple[Feedback, Scripted]) -> None
 def test_lengths_are_written_as_one_says_them() -> None:
     assert [in_cm(length) for length in (0.0004, 0.0099, 0.01, 0.024)] == ["0.0 cm", "1.0 cm", "1 cm", "2 cm"]
     assert describe_stop(keyframe(-0.1)) == "(-10.0, 0.0, 0.0) cm, sigma 0.1 cm"
+    assert describe_stop(keyframe(-1e-4)) == "(0.0, 0.0, 0.0) cm, sigma 0.1 cm"  # without a minus
 
 
 def test_what_can_not_be_tracked_is_told_once() -> None:

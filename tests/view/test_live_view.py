@@ -288,5 +288,5 @@ def test_a_recording_is_seen_and_ends_as_it_should(recording: Recording, tmp_pat
     recording.process.send_signal(signal.SIGINT)
     assert recording.process.wait(10.0) == 0
     until(lambda: page.read("#live strong") == "ended", "the last word")
-    assert page.read("#live span") == "ended: stopped by you; kept in demos/tea"
+    assert page.read("#live span") == "stopped by you; kept in demos/tea"
     assert len(read_demo(tmp_path / "demos" / "tea").recording) > 100

@@ -41,7 +41,7 @@ class LiveScreen:
         if self._view is None or self._last is None:
             return
         where = "discarded" if outcome.folder is None else f"kept in {outcome.folder}"
-        self._view.end(replace(self._last, state="ended", badge="ended", line=f"ended: {outcome.ended_by}; {where}"))
+        self._view.end(replace(self._last, state="ended", badge="ended", line=f"{outcome.ended_by}; {where}"))
 
     def _picture(self, status: Status) -> LivePicture:
         state: State
