@@ -355,6 +355,59 @@ def test_nothing_overlaps(replay: Replay) -> None:
         replay.browser.set_size()
 
 
+def test_a_long_label_pushes_no_column_out(replay: Replay) -> None:
+    table = """
+        const { page } = pbd, { keyframes } = page.replay;
+        page.keyframes = new KeyframeTable(%s, (time) => page.player.seek(time));
+        page.stage.label(page.keyframes.labels, keyframes.map((k) => k.p));"""
+    try:
+        replay(table % 'keyframes.map((k) => ({ ...k, inside: null, label: "over the cup, slowly and with care" }))')
+        replay.browser.set_size(320, 568)
+        replay("pbd.page.fold('panel', false)")
+        assert replay("const { scrollWidth, clientWidth } = element('panel'); return scrollWidth - clientWidth") == 0
+    finally:
+        replay.browser.set_size()
+        replay(table % "keyframes")
+
+
+def test_fingers_find_large_targets(replay: Replay) -> None:
+    """Where the pointer is a finger every control is 40 pixels high and, on 360 and more, as wide."""
+    sizes = """
+        const bar = "#controls button, #speed, #seek, #angles button";
+        const panel = "#keyframes tbody tr, #switches :is(label, button)";
+        return [...document.querySelectorAll(`${bar}, ${panel}`)].filter((node) => node.checkVisibility())
+          .map((node) => [node.offsetHeight, node.offsetWidth]);"""
+    touch = "Emulation.setTouchEmulationEnabled"
+    try:
+        replay.browser.execute_cdp_cmd(touch, {"enabled": True})
+        for width, height in ((360, 640), (800, 1000)):
+            replay.browser.set_size(width, height)
+            replay("for (const id of ['joints', 'panel']) pbd.page.fold(id, false)")
+            assert np.min(replay(sizes)) >= 40, f"{width} x {height}"
+            assert replay("return element('view').checkVisibility()"), "without it a lost scene is not found again"
+    finally:
+        replay.browser.execute_cdp_cmd(touch, {"enabled": False})
+        replay.browser.set_size()
+
+
+def test_only_the_list_follows_the_current_keyframe(replay: Replay) -> None:
+    """In a small window all of the panel scrolls: it must not move under its reader."""
+    try:
+        replay.browser.set_size(683, 384)
+        replay("pbd.page.fold('panel', false); element('panel').scrollTop = 3; pbd.page.player.seek(1e9)")
+        assert replay("return element('panel').scrollTop") == 3
+        replay.browser.set_size(1000, 560)
+        for end in ("1e9", "1.3"):
+            replay(f"pbd.page.fold('joints', true); pbd.page.player.seek({end})")
+            top, bottom, head, list_bottom = replay("""
+                const box = (selector) => document.querySelector(selector).getBoundingClientRect();
+                const { top, bottom } = box("#keyframes [aria-current=true]");
+                return [top, bottom, box("#keyframes th").bottom, box("#list").bottom];""")
+            assert head - 1 <= top < bottom <= list_bottom + 1
+    finally:
+        replay.browser.set_size()
+
+
 def test_the_table_can_be_scrolled_to_under_many_joints(replay: Replay) -> None:
     """An arm of 14 joints on a telephone."""
     names = replay("""

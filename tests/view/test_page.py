@@ -3,13 +3,16 @@
 import base64
 import gzip
 import hashlib
+import importlib.resources
 import re
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from pbd.errors import PbdError, RobotError
+from pbd.pose import Array
 from pbd.view.page import page_html, viewer_code, write_page
 from tests.view import scenes
 
@@ -55,6 +58,27 @@ def test_a_title_is_text() -> None:
     page = page_html("</title><script>alert(1)</script>", b"")
     assert "<script>alert" not in page
     assert block(page, "scene") == b""
+
+
+def luminance(colour: Array) -> float:
+    """Relative luminance of an sRGB colour, each in 0 to 1 (WCAG 2.2)."""
+    linear = np.where(colour <= 0.04045, colour / 12.92, ((colour + 0.055) / 1.055) ** 2.4)
+    return float(linear @ (0.2126, 0.7152, 0.0722))
+
+
+@pytest.mark.parametrize("scheme", [0, 1], ids=["light", "dark"])
+def test_words_can_be_read(scheme: int) -> None:
+    """Contrast of 4.5 (WCAG 2.2, AA) on a card, and on a card's part that the pointer is over."""
+    style = (importlib.resources.files("pbd.view") / "web/page.css").read_text(encoding="utf-8")
+    roots = re.findall(r":root \{(.*?)\}", style, re.DOTALL)[: scheme + 1]
+    hexes = dict(re.findall(r"--([\w-]+): #(\w{6});", "".join(roots)))
+    colours = {name: np.array(list(bytes.fromhex(value))) / 255.0 for name, value in hexes.items()}
+    red, green, blue, alpha = map(float, re.findall(r"--tint: rgb\((\d+) (\d+) (\d+) / ([\d.]+)\)", roots[-1])[0])
+    tinted = alpha * np.array((red, green, blue)) / 255.0 + (1.0 - alpha) * colours["card"]
+    for name in ("ink", "soft", "accent", "warm", "detour", "good", "alarm-ink"):
+        for ground in (colours["card"], tinted):
+            dark, light = sorted(map(luminance, (colours[name], ground)))
+            assert (light + 0.05) / (dark + 0.05) >= 4.5, name
 
 
 def test_a_failure_leaves_what_was_there(tmp_path: Path) -> None:

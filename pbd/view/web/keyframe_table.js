@@ -52,6 +52,13 @@ class KeyframeTable {
     return row;
   }
 
+  // Scrolls the list alone: in a small window, where all of the panel scrolls, the panel stays where its reader is.
+  follow({ offsetTop, offsetHeight }) {
+    const list = element("list");
+    const lowest = offsetTop + offsetHeight - list.clientHeight;
+    list.scrollTop = Math.min(Math.max(list.scrollTop, lowest), offsetTop - element("keyframes").tHead.offsetHeight);
+  }
+
   // `current`: the keyframe that was reached last; -1 before the first.
   show(current) {
     if (current === this.current) return;
@@ -61,6 +68,6 @@ class KeyframeTable {
       label.classList.toggle("now", i === current);
       label.textContent = `${this.number(i)} ${i === current ? this.keyframes[i].label : ""}`.trim();
     });
-    this.rows[current]?.scrollIntoView({ block: "nearest" });
+    if (current >= 0) this.follow(this.rows[current]);
   }
 }
