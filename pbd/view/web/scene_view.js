@@ -146,6 +146,8 @@ class SceneView {
   // where it would move too far from its point. The current keyframe's row stays.
   placeLabels() {
     const rows = [];
+    // Read before any style is set: each reading after that would lay out the page again.
+    const widths = new Map(this.labels.map(({ element }) => [element, element.offsetWidth]));
     for (const { element, point } of this.labels) {
       const seen = this.viewer.scene.localToWorld(point.clone()).project(this.camera);
       element.style.visibility = Math.abs(seen.z) < 1 ? "visible" : "hidden";
@@ -154,7 +156,7 @@ class SceneView {
       let row = rows.find((each) => Math.hypot(each.x - x, each.y - y) < SceneView.together_px);
       if (!row) rows.push((row = { x, y, width: 0, elements: [] }));
       row.elements.push(element);
-      row.width += element.offsetWidth + 1;
+      row.width += widths.get(element) + 1;
     }
     const current = (row) => row.elements.some((element) => element.matches(".now"));
     rows.sort((a, b) => current(b) - current(a));
@@ -170,7 +172,7 @@ class SceneView {
       let left = row.x - row.width / 2;
       for (const element of row.elements) {
         element.style.transform = `translate(${left.toFixed(1)}px, ${row.y.toFixed(1)}px) translateY(-50%)`;
-        left += element.offsetWidth + 1;
+        left += widths.get(element) + 1;
       }
     }
   }
