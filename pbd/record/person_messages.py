@@ -132,8 +132,13 @@ class Feedback:
 
 def describe_stop(keyframe: Keyframe) -> str:
     """Write a stop's position in nav, and one sigma along its least certain axis, in cm."""
-    x, y, z = np.round(100.0 * keyframe.T_nav_sensor.p, 1) + 0.0  # no -0.0
-    return f"({x:.1f}, {y:.1f}, {z:.1f}) cm, sigma {100.0 * sigma_of(keyframe):.1f} cm"
+    return f"{place(keyframe.T_nav_sensor.p)}, sigma {100.0 * sigma_of(keyframe):.1f} cm"
+
+
+def place(p_nav: Array) -> str:
+    """Write a position, given in m, as (1.0, 0.0, -2.0) cm, without a minus before zero."""
+    x, y, z = np.round(100.0 * p_nav, 1) + 0.0
+    return f"({x:.1f}, {y:.1f}, {z:.1f}) cm"
 
 
 def sigma_of(keyframe: Keyframe) -> float:

@@ -7,7 +7,7 @@ from contextlib import suppress
 from typing import TYPE_CHECKING, Self
 
 from pbd.errors import amount
-from pbd.record.person_messages import describe_stop, in_cm
+from pbd.record.person_messages import describe_stop, in_cm, place
 from pbd.record.session_types import Say, Status
 
 if TYPE_CHECKING:
@@ -99,8 +99,7 @@ class PanelScreen:
         hand = f"pause now: {in_cm(status.sigma_of_move_m)}" if pause else state(status)
         colour = "yellow" if status.waiting or pause else "cyan" if status.moving else "green"
         table.add_row("hand", Text(hand, style=f"bold {colour}"))
-        x, y, z = 100.0 * status.p_nav_sensor
-        table.add_row("place", f"({x:.1f}, {y:.1f}, {z:.1f}) cm")
+        table.add_row("place", place(status.p_nav_sensor))
         last = "none yet"
         if status.stops > 1:
             last = f"{status.stops - 1}, the last at {describe_stop(status.keyframes[-1])}"
