@@ -15,14 +15,12 @@ from pbd.files.demo import read_demo_toml, utf8_name
 from pbd.files.importers.bag import read_bag
 from pbd.files.importers.csv import read_csv
 from pbd.files.importers.npz import read_npz
-from pbd.files.importers.one_file_per_sensor import read_sensor_files
-from pbd.files.importers.phones import read_phone
 from pbd.files.importers.request import Request
+from pbd.files.importers.sensor_files import read_sensor_files
 from pbd.files.importers.ximu3 import inertial_file
 
 READERS: tuple[Callable[[Request], Demonstration | None], ...] = (
     read_bag,
-    read_phone,
     read_sensor_files,
     read_npz,
     read_csv,

@@ -5,7 +5,7 @@ For a file without a table's header it lists the columns, which the caller's opt
 
 import re
 import shlex
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
@@ -167,6 +167,11 @@ def why_not_read(name: str, found: Collection[str]) -> str:
     if channel in ("angle", "rpy"):
         return "an attitude that isn't used"
     return f"another column has the {QUANTITIES[channel]}" if set(CHANNELS[channel]) & set(found) else ""
+
+
+def unused(files: Iterable[str]) -> dict[str, str]:
+    """Return CSV files that aren't used, of these names without suffix, and why they aren't read."""
+    return {f"{name}.csv": WHY_UNUSED for name in sorted(files)}
 
 
 def _refuse_not_understood(path: Path, unread: Mapping[str, str]) -> None:

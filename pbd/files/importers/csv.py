@@ -33,7 +33,7 @@ from pbd.files.importers.header_names import is_counter, is_time, is_time_step, 
 from pbd.files.importers.printed_lines import is_printed, printed_sheet
 from pbd.files.importers.refuse_several_devices import refuse_alternating_devices, refuse_several_devices
 from pbd.files.importers.request import Request, check_rate
-from pbd.files.importers.ximu3 import magnetometer_beside
+from pbd.files.importers.ximu3 import INERTIAL, files_of_ximu3, magnetometer_beside
 from pbd.files.table import Sheet, Table, foreign_text, open_sheet
 from pbd.io.numbers import is_stamp
 from pbd.pose import Array
@@ -56,11 +56,14 @@ def read_csv(request: Request) -> Demonstration | None:
     Raises:
         RecordingError: a column or unit is missing or unknown, or the file is not a table.
     """
-    if request.suffix not in TEXT:
+    path, files = request.path, files_of_ximu3(request.path)
+    if request.suffix == ".zip" and files:
+        path = path / INERTIAL
+    elif request.suffix not in TEXT:
         return None
-    path, beside = request.path, request.beside
-    given = {ours: name for ours, name in request.columns.items() if ours not in beside}
-    sheet, rate_hz = _opened(request, given)
+    given = {ours: name for ours, name in request.columns.items() if ours not in request.beside}
+    text = foreign_text(path, files[path.stem]() if files else None)
+    sheet, rate_hz = _opened(replace(request, path=path), given, text)
     units = request.units if rate_hz is None else {"t": "s", **request.units}  # of times that are not read
     refuse_several_devices(sheet)
     found, in_steps = _understood(sheet, given, units, rate_hz)
@@ -70,7 +73,7 @@ def read_csv(request: Request) -> Demonstration | None:
         table, found, own = _timed(sheet, found, given, units, in_steps)
     else:
         table, own = sheet.read([column.name for column in found.columns]), {}
-    understood, magnetometer = magnetometer_beside(path, found, units)
+    understood, magnetometer = magnetometer_beside(path, files, found, units)
     with np.errstate(all="ignore"):  # infinite values are repaired later, like other invalid samples
         channels = {channel: scaled(table, found, channel) for channel in CHANNELS if found.of(channel)}
         for channel in {"angle", "rpy"} & channels.keys():  # WitMotion leaves an output that is off empty
@@ -104,13 +107,12 @@ def read_csv(request: Request) -> Demonstration | None:
         )
     if found.of("t"):
         recording = _without_repeats(path, recording)
-    return Demonstration(remapped(path, recording, beside))
+    return Demonstration(remapped(path, recording, request.beside))
 
 
-def _opened(request: Request, columns: Mapping[str, str]) -> tuple[Sheet, float | None]:
+def _opened(request: Request, columns: Mapping[str, str], text: str) -> tuple[Sheet, float | None]:
     """Open a table, or convert printed lines to one. Return it and its rate: the caller's, or that of its remarks."""
     path, rate_hz = request.path, request.rate_hz
-    text = foreign_text(path)
     sheet = printed_sheet(path, text) if is_printed(text) else open_sheet(path, foreign=True, text=text)
     of_remarks = re.search(r"(?im)^\W*update rate\s*:\s*([\d.]+)\s*hz", sheet.preamble)  # MT Manager's
     if rate_hz is None and of_remarks and not any(map(is_time, sheet.header)) and not {"t", "dt"} & {*columns}:

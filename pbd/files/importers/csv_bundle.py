@@ -3,17 +3,12 @@
 import io
 import zipfile
 import zlib
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path, PurePosixPath
 
-from pbd.data import Recording, RecordingInfo
-from pbd.data.source_columns import CHANNEL_OF, Column, SourceColumns
-from pbd.data.streams import Stream, joined
-from pbd.data.units import UNITS
-from pbd.errors import RecordingError, in_words, listed
-from pbd.files.importers.columns import why_not_read
+from pbd.errors import RecordingError, in_words
 from pbd.files.importers.header_names import looks_inertial
 from pbd.files.table import Sheet, foreign_text, open_sheet
 from pbd.io.read_file import LARGE, read_bytes
@@ -97,48 +92,3 @@ def may_be_removed(name: str) -> Iterator[None]:
             what = f"{error.message}; or remove {name}.csv, to import the recording without its {sensor}"
             raise RecordingError(what, **error.fields) from None
         raise
-
-
-def read_sensor(
-    program: str, parts: Sequence[tuple[Sheet, Sequence[str]]], channel: str, sign: float = 1.0, unit: str = ""
-) -> tuple[Stream, list[Column]]:
-    """Read a sensor's samples as the program documents them: their sum, if it writes gravity and the rest apart.
-
-    Samples are sorted, without repeated times and rows with NaN.
-
-    Args:
-        parts: files, and their columns of time, x, y, z. The first one's times are used.
-        unit: the unit of the values; "": ours.
-    """
-    ours = ("t", 1.0, "s"), *((f"{channel[0]}{axis}", sign, unit or next(iter(UNITS[channel]))) for axis in "xyz")
-    file, by = _sum(sheet.path.name for sheet, _ in parts), f"{program}'s documentation"
-    names = map(_sum, zip(*(columns for _, columns in parts), strict=True))
-    described = [Column(f"{file}: {name}", *its, by, by) for name, its in zip(names, ours, strict=True)]
-    streams = []
-    for sheet, columns in parts:
-        with may_be_removed(sheet.path.stem):
-            rows = sheet.read(columns).values
-        streams.append(Stream.of(rows[:, 0], described[1].factor * rows[:, 1:]))
-    first, *others = streams
-    return Stream.of(first.t, sum((other.at(first.t) for other in others), first.values)), described
-
-
-def _sum(names: Iterable[str]) -> str:
-    return " + ".join(dict.fromkeys(names))
-
-
-def unread_of(sheet: Sheet, used: Collection[str]) -> dict[str, str]:
-    """Return the columns of a file that were not read, and why."""
-    return {f"{sheet.path.name}: {name}": why_not_read(name, CHANNEL_OF) for name in sheet.header if name not in used}
-
-
-def joined_recording(path: Path, streams: Mapping[str, Stream], sensor: str, source: SourceColumns) -> Recording:
-    """Join the streams to a recording; RecordingError: they have no time in common."""
-    given = {name: streams[name] for name in ("acc", "gyr", "mag") if name == "acc" or streams.get(name)}
-    t, values = joined(given)
-    if len(t) < 2:
-        known = (given[name].t for name in ("acc", "gyr") if given.get(name))
-        spans = listed(f"{each[0]:.1f} to {each[-1]:.1f} s" for each in known)
-        raise RecordingError.at(path, f"its sensors have no time in common ({spans}); record them together")
-    info = RecordingInfo(sensor=sensor, clock="device", source=source)
-    return Recording(t - t[0], values["acc"], values.get("gyr"), values.get("mag"), info=info)
