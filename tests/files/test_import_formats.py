@@ -1,6 +1,7 @@
 """Short files in the formats of other programs, written by hand after the published format that each one names."""
 
 import re
+import shutil
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
@@ -120,8 +121,12 @@ def test_an_ximu3s_folder(tmp_path: Path) -> None:
     its = [f"Magnetometer.csv: Magnetometer {axis} (a.u.)" for axis in "XYZ"]
     turned = known(import_file(tmp_path, {"mx": f"-{its[2]}", "mz": its[0]}).recording.mag)
     assert_allclose(turned[0], [1.0, 0.0, 1.0])
-    for each in (import_file(tmp_path / "Magnetometer.csv"), import_file(tmp_path / "Inertial.csv")):
-        assert_array_equal(known(each.recording.mag), known(recording.mag))
+    packed = Path(shutil.make_archive(str(tmp_path.with_name("packed")), "zip", tmp_path))
+    for path in (tmp_path / "Magnetometer.csv", tmp_path / "Inertial.csv", packed):
+        again = import_file(path).recording
+        assert_array_equal(known(again.mag), known(recording.mag))
+        assert_array_equal(again.acc, recording.acc)
+        assert again.info.source == recording.info.source
     (tmp_path / "Inertial.csv").unlink()
     with pytest.raises(RecordingError, match=r"put it there \(an x-IMU3's is Inertial.csv\)"):
         import_file(tmp_path / "Magnetometer.csv")

@@ -160,3 +160,12 @@ def test_a_broken_file_that_is_not_needed_may_be_removed(tmp_path: Path, broken:
     with pytest.raises(RecordingError, match=r"acc\.csv") as refused:
         import_file(folder)
     assert "remove acc.csv" not in refused.value.message
+
+
+@pytest.mark.parametrize(("header", "missing"), [("t,x,y", "z"), ("x,y,z", "t")])
+def test_a_file_that_lacks_an_axis_or_the_time_is_not_passed_over(tmp_path: Path, header: str, missing: str) -> None:
+    folder = written(tmp_path / "walk", {"acc": "t,x,y,z"}, {"acc": ("1", "2")})
+    (folder / "gyro.csv").write_text(f"{header}\n1,2,3\n2,2,3\n")
+    for path in (folder, folder / "gyro.csv", folder / "acc.csv"):
+        with pytest.raises(RecordingError, match=rf"gyro\.csv: no column for '{missing}', .* or remove gyro\.csv, to"):
+            import_file(path)

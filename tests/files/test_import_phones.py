@@ -273,6 +273,28 @@ def test_of_two_accelerometers_in_a_folder_of_phyphox_one_is_named(tmp_path: Pat
     assert_allclose(got.t, T[:-1], atol=1e-9)
 
 
+def test_phyphox_files_without_rows_are_warned_of(tmp_path: Path) -> None:
+    """The app writes them for a magnetometer that the phone lacks. Other sets, as an average, may be empty as well."""
+    place = phyphox(tmp_path / "p")
+    (place / "Magnetometer.csv").write_text('"Time (s)","X (µT)","Y (µT)","Z (µT)"\n', encoding="utf-8")
+    (place / "Average.csv").write_text('"Average"\n', encoding="utf-8")
+    for each in (place, packed(place)):
+        with pytest.warns(
+            PbdWarning, match=r"Magnetometer\.csv: a header but no rows; the recording is read without"
+        ) as told:
+            got = read(each)
+        assert len(told) == 1
+        assert got.mag is None
+        assert_allclose(known(got.gyr), TURN[:-1], atol=1e-8)
+
+
+def test_of_two_gyros_in_a_folder_of_phyphox_one_is_named(tmp_path: Path) -> None:
+    place = phyphox(tmp_path / "p")
+    shutil.copy(place / "Gyroscope.csv", place / "Turn.csv")
+    with pytest.raises(RecordingError, match=r"'Gyroscope x .*' is in Turn\.csv and in another file too"):
+        read(place)
+
+
 def test_a_gyro_that_is_not_phyphox_s_is_not_dropped(tmp_path: Path) -> None:
     units = (
         f"{quantity} {axis} ({unit})"

@@ -48,8 +48,7 @@ class Program:
         time: the column of times, in s.
         sensors: acc, gyr, mag, and others of which acc is made -> pattern of `file: column`, with a group for the axis.
         force: the sensors whose sum is specific force, the best first.
-        files: the names of files that belong to one recording.
-        any_file: whether a file of another name may have sensors too.
+        files: the names of files that belong to one recording. In phyphox' folders, others may have sensors too.
     """
 
     title: str
@@ -58,7 +57,6 @@ class Program:
     sensors: Mapping[str, str]
     force: Sequence[tuple[str, ...]] = (("acc",),)
     files: Sequence[str] = ()
-    any_file: bool = False
 
 
 LOGGER = Program(
@@ -90,7 +88,6 @@ PHYPHOX = Program(
         LINEAR: r"(?i:.*: linear acceleration ([xyz]) \(m/s(?:\^2|²)\))|Linear Accelerometer: ([XYZ]) \(m/s(?:\^2|²)\)",
     },
     files=("Accelerometer", "Acceleration", "Linear Accelerometer", "Gyroscope", "Magnetometer", "Magnetic field"),
-    any_file=True,
 )
 WATCH = Program(
     "Sensor Logger (a watch)",

@@ -40,12 +40,6 @@ class Request:
         """Whether the path is a CSV file, which may be one of several of a recording."""
         return self.suffix == ".csv" and self.path.is_file()
 
-    @property
-    def may_be_several_files(self) -> bool:
-        """Whether the path may be, or be one of, a recording's CSV files, and no column of a lone table is named."""
-        several = self.path.is_dir() or self.suffix == ".zip"
-        return several or (self.is_csv and (bool(self.beside) or not self.columns))
-
     def refuse_rate(self, known: str) -> None:
         """Refuse a rate of a recording with times; `known` says so."""
         if self.rate_hz is not None:

@@ -29,6 +29,7 @@ from pbd.files.importers.header_names import is_time, our_name, plain
 from pbd.files.importers.phone_sensors import (
     LINEAR,
     METADATA,
+    PHYPHOX,
     PROGRAMS,
     WATCH,
     WRIST,
@@ -59,7 +60,7 @@ def read_sensor_files(request: Request) -> Demonstration | None:
         RecordingError: there are several recordings, no accelerometer, or no clock in common; or a file can't be read.
     """
     path, is_csv = request.path, request.is_csv
-    if not request.may_be_several_files:
+    if not (path.is_dir() or request.suffix == ".zip" or (is_csv and (request.beside or not request.columns))):
         return None
     programs: Sequence[Program] = PROGRAMS
     if is_csv:
@@ -73,66 +74,52 @@ def read_sensor_files(request: Request) -> Demonstration | None:
     if Path(INERTIAL).stem in files and not is_csv:
         return None  # a zip of an x-IMU3's, which is read as a table
     for program in programs:
-        beside = (path.stem, METADATA, PHYPHOX_CLOCK, *(program.files if path.stem in program.files else ()))
-        its_files = {name: read for name, read in files.items() if not is_csv or name in beside}
-        found, broken = _documented(request, program, its_files)
-        if found:
-            return _read_documented(request, program, its_files, found, broken)
+        beside = {path.stem, METADATA, PHYPHOX_CLOCK, *(program.files if path.stem in program.files else ())}
+        of_program = {name: read for name, read in files.items() if not is_csv or name in beside}
+        if demo := _read_documented(request, program, of_program):
+            return demo
     return _read_named(request, files)
 
 
-def _documented(request: Request, program: Program, files: Files) -> tuple[dict[str, Part], dict[str, str]]:
-    """Find a program's sensors by its files' columns, in the named file first.
+def _read_documented(request: Request, program: Program, files: Files) -> Demonstration | None:
+    """Read a program's sensors, which the columns of its files tell, in the named file first; None: there are none.
 
-    phyphox writes files without rows, as for a magnetometer that the phone lacks. They, and why they can't be read, are
-    returned too.
-
-    Raises:
-        RecordingError: a file of Sensor Logger can't be read, or two files of phyphox have the same sensor.
+    phyphox writes files without rows too, as for a magnetometer that the phone lacks.
     """
-    path, found, broken = request.path, dict[str, Part](), dict[str, str]()
+    path, found, broken = request.path, dict[str, Part](), dict[str, RecordingError]()
     for name in sorted(files, key=lambda name: (name != path.stem, name)):
-        if not (program.any_file or name in program.files):
+        if program is not PHYPHOX and name not in program.files:
             continue
         try:
             sheet = sheet_of(path, name, files[name])
         except RecordingError as error:
-            if not program.any_file:
-                raise
-            broken[name] = error.message
+            broken[name] = error
             continue
         for sensor, columns in sensors_in(program, name, sheet.header).items():
-            if sensor in found and program.any_file and not request.is_csv:
-                what = f"'{columns['ax']}' is in {name}.csv and in another file too; keep one recording in a folder"
-                raise RecordingError.at(path, what)
+            if sensor in found and program is PHYPHOX and not request.is_csv:
+                what = f"'{list(columns.values())[1]}' is in {name}.csv and in another file too"
+                raise RecordingError.at(path, f"{what}; keep one recording in a folder")
             found.setdefault(sensor, (sheet, columns))
-    return found, broken
-
-
-def _read_documented(
-    request: Request, program: Program, files: Files, found: Mapping[str, Part], broken: Mapping[str, str]
-) -> Demonstration:
-    path = request.path
-    for name in broken:
-        if name in program.files:
-            warn(f"{broken[name]}; the recording is read without this file")
+    if not found:
+        return None
+    for name in sorted(broken.keys() & {*program.files}):
+        if program is not PHYPHOX:
+            raise broken[name]
+        warn(f"{broken[name].message.partition('; ')[0]}; the recording is read without this file")
     force, unit = parts_of_force(path, program, found, read_metadata(files))
     request.refuse_rate("an app's file has times")
     if WRIST in files and program is not WATCH:
         warn(f"{path}: the phone is read, not the watch; for that import {WRIST}.csv alone")
-    read = {"acc": [found[sensor] for sensor in force]} | {
-        channel: [found[channel]] for channel in ("gyr", "mag") if channel in found
-    }
-    by, clock = f"{program.title.partition(' (')[0]}'s documentation", _experiment_clock(path, files)
-    streams, source = _read(read, {"acc": unit}, by)
+    made_of: dict[str, Sequence[str]] = {"acc": force, "gyr": ["gyr"], "mag": ["mag"]}
+    read = {channel: [found[each] for each in its] for channel, its in made_of.items() if found.keys() >= {*its}}
+    streams, source = _read(read, {"acc": unit}, f"{program.title.partition(' (')[0]}'s documentation")
+    clock = _experiment_clock(path, files)
     streams = {channel: Stream(clock.to_elapsed(stream.t), stream.values) for channel, stream in streams.items()}
-    of_read = {sheet.path.name for parts in read.values() for sheet, _ in parts}
-    for sensor, (sheet, columns) in found.items():
-        why = "without gravity" if sensor == LINEAR else "a better file is there"
-        if sheet.path.name not in of_read:
+    of_read = {sheet.path for parts in read.values() for sheet, _ in parts}
+    for sensor, (sheet, _) in found.items():
+        if sheet.path not in of_read:
+            why = "without gravity" if sensor == LINEAR else "a better file is there"
             source = source.with_unread({sheet.path.name: why})
-        elif sensor == LINEAR and LINEAR not in force:
-            source = source.with_unread({f"{sheet.path.name}: {columns[ours]}": why for ours in CHANNELS["acc"]})
     others = files.keys() - {METADATA, PHYPHOX_CLOCK, *(sheet.path.stem for sheet, _ in found.values())}
     source = replace(source, program=program.title).with_unread(unused(others))
     recording = _joined(path, streams, program.sensor, source)
