@@ -51,7 +51,7 @@ class Program:
         files: the names of files that belong to one recording. In phyphox' folders, others may have sensors too.
     """
 
-    title: str
+    name: str
     sensor: str
     time: str
     sensors: Mapping[str, str]
@@ -60,7 +60,7 @@ class Program:
 
 
 LOGGER = Program(
-    "Sensor Logger (a phone)",
+    "Sensor Logger",
     "phone",
     "seconds_elapsed",
     {
@@ -78,7 +78,7 @@ LOGGER = Program(
     ),
 )
 PHYPHOX = Program(
-    "phyphox (a phone)",
+    "phyphox",
     "phone",
     "Time (s)",
     {
@@ -90,7 +90,7 @@ PHYPHOX = Program(
     files=("Accelerometer", "Acceleration", "Linear Accelerometer", "Gyroscope", "Magnetometer", "Magnetic field"),
 )
 WATCH = Program(
-    "Sensor Logger (a watch)",
+    "Sensor Logger",
     "watch",
     "seconds_elapsed",
     {

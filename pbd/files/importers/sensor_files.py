@@ -112,7 +112,7 @@ def _read_documented(request: Request, program: Program, files: Files) -> Demons
         warn(f"{path}: the phone is read, not the watch; for that import {WRIST}.csv alone")
     made_of: dict[str, Sequence[str]] = {"acc": force, "gyr": ["gyr"], "mag": ["mag"]}
     read = {channel: [found[each] for each in its] for channel, its in made_of.items() if found.keys() >= {*its}}
-    streams, source = _read(read, {"acc": unit}, f"{program.title.partition(' (')[0]}'s documentation")
+    streams, source = _read(read, {"acc": unit}, f"{program.name}'s documentation")
     clock = _experiment_clock(path, files)
     streams = {channel: Stream(clock.to_elapsed(stream.t), stream.values) for channel, stream in streams.items()}
     of_read = {sheet.path for parts in read.values() for sheet, _ in parts}
@@ -121,7 +121,7 @@ def _read_documented(request: Request, program: Program, files: Files) -> Demons
             why = "without gravity" if sensor == LINEAR else "a better file is there"
             source = source.with_unread({sheet.path.name: why})
     others = files.keys() - {METADATA, PHYPHOX_CLOCK, *(sheet.path.stem for sheet, _ in found.values())}
-    source = replace(source, program=program.title).with_unread(unused(others))
+    source = replace(source, program=f"{program.name} (a {program.sensor})").with_unread(unused(others))
     recording = _joined(path, streams, program.sensor, source)
     return Demonstration(remapped(path, recording, request.columns, request.units))
 
@@ -174,8 +174,8 @@ def _read_named(request: Request, files: Files) -> Demonstration | None:
     read = {channel: [(sheet, {"t": clock, **axes})] for channel, (sheet, axes) in found.items()}
     streams, source = _read(read, request.units)
     is_metabase = found["acc"][0].header[0].startswith(METABASE)
-    source = replace(source, program="MetaBase (MbientLab)" if is_metabase else "")
-    source = source.with_unread(unused(files.keys() - {sheet.path.stem for sheet, _ in found.values()}))
+    others = files.keys() - {sheet.path.stem for sheet, _ in found.values()}
+    source = replace(source, program="MetaBase (MbientLab)" * is_metabase).with_unread(unused(others))
     recording = _joined(path, streams, "metawear" if is_metabase else "unknown", source)
     return Demonstration(remapped(path, recording, request.columns))
 
