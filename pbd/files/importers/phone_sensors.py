@@ -106,7 +106,10 @@ PROGRAMS = (LOGGER, PHYPHOX, WATCH)
 
 
 def sensors_in(program: Program, file: str, header: Sequence[str]) -> dict[str, dict[str, str]]:
-    """Return each sensor in a file and its columns (t, and x, y, z); none if another column looks inertial."""
+    """Return each sensor in a file and its columns (t, and x, y, z).
+
+    None are phyphox' if another column looks inertial.
+    """
     if program.time not in header:
         return {}
     found: dict[str, dict[str, str]] = {}
@@ -118,7 +121,8 @@ def sensors_in(program: Program, file: str, header: Sequence[str]) -> dict[str, 
             found[sensor] = {"t": program.time, **{each: axes[each[-1]] for each in ours}}
     known = {name for columns in found.values() for name in columns.values()}
     have = ["t", *(CHANNELS[sensor][0] for sensor in found if sensor in CHANNELS)]
-    return found if all(name in known or why_not_read(name, have) for name in header) else {}
+    foreign = program is PHYPHOX and not all(name in known or why_not_read(name, have) for name in header)
+    return {} if foreign else found
 
 
 def parts_of_force(

@@ -93,6 +93,8 @@ def _read_documented(request: Request, program: Program, files: Files) -> Demons
         try:
             sheet = sheet_of(path, name, files[name])
         except RecordingError as error:
+            if program is not PHYPHOX and name not in PHYPHOX.files:
+                raise
             broken[name] = error
             continue
         for sensor, columns in sensors_in(program, name, sheet.header).items():
@@ -103,7 +105,7 @@ def _read_documented(request: Request, program: Program, files: Files) -> Demons
     if not found:
         return None
     for name in sorted(broken.keys() & {*program.files}):
-        if program is not PHYPHOX:
+        if program is not PHYPHOX or "acc" not in found:
             raise broken[name]
         warn(f"{broken[name].message.partition('; ')[0]}; the recording is read without this file")
     force, unit = parts_of_force(path, program, found, read_metadata(files))
@@ -201,12 +203,13 @@ def _axes(sheet: Sheet, channel: str) -> dict[str, str]:
             axes.setdefault(ours, name)
         elif ours != "t":
             return {}
-    timed = any(map(is_time, sheet.header))
-    if axes and not (timed and len(axes) == len(CHANNELS[channel])):
-        missing = next((ours[-1] for ours in CHANNELS[channel] if ours not in axes), "t")
-        what = f"no column for '{missing}', though there is '{next(iter(axes.values()))}'"
-        raise RecordingError.at(sheet.path, f"{what}; the columns are {listed(sheet.header)}: name one '{missing}'")
-    return axes
+    if len(axes) == len(CHANNELS[channel]) and any(map(is_time, sheet.header)):
+        return axes
+    if all(map(our_name, axes.values())):  # read as a table, its columns can be named
+        return {}
+    missing = next((ours[-1] for ours in CHANNELS[channel] if ours not in axes), "t")
+    what = f"no column for '{missing}', though there is '{next(iter(axes.values()))}'"
+    raise RecordingError.at(sheet.path, f"{what}; the columns are {listed(sheet.header)}: name one '{missing}'")
 
 
 def _clock(path: Path, sheets: Sequence[Sheet]) -> str:
