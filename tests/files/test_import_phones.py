@@ -286,6 +286,9 @@ def test_phyphox_files_without_rows_are_warned_of(tmp_path: Path) -> None:
         assert len(told) == 1
         assert got.mag is None
         assert_allclose(known(got.gyr), TURN[:-1], atol=1e-8)
+    (place / "Gyroscope.csv").write_text('"Time (s)","X (rad/s)","Y (rad/s)","Z (rad/s)"\n', encoding="utf-8")
+    with pytest.raises(RecordingError, match=r"Gyroscope\.csv: a header but no rows; .* or remove Gyroscope\.csv"):
+        read(place)
 
 
 def test_of_two_gyros_in_a_folder_of_phyphox_one_is_named(tmp_path: Path) -> None:

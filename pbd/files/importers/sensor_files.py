@@ -105,7 +105,7 @@ def _read_documented(request: Request, program: Program, files: Files) -> Demons
     if not found:
         return None
     for name in sorted(broken.keys() & {*program.files}):
-        if program is not PHYPHOX or "acc" not in found:
+        if program is not PHYPHOX or not {"acc", "gyr"} <= found.keys():
             raise broken[name]
         warn(f"{broken[name].message.partition('; ')[0]}; the recording is read without this file")
     force, unit = parts_of_force(path, program, found, read_metadata(files))
