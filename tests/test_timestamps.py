@@ -282,3 +282,12 @@ def test_sensors_whose_arrivals_jitter_are_joined_as_if_they_did_not() -> None:
     assert [str(one.message)[:8] for one in told] == ["the acce", "the gyro"]
     assert np.diff(at) == pytest.approx(0.025, rel=1e-3)
     assert np.abs(values["acc"] - values["gyr"]).max() < 0.02
+
+
+def test_a_line_that_is_known_goes_on() -> None:
+    """Delays of an interval on average do not move it: the interval is that of the samples that are on time."""
+    times = np.arange(200) / 40.0
+    arrived = np.maximum.accumulate(times + np.random.default_rng(0).exponential(0.025, 200))
+    stamper = Stamper(times[:41].tolist())
+    stamps = [stamper.stamp(t) for t in arrived[41:].tolist()]
+    assert np.abs(np.diff(stamps, prepend=times[40]) / 0.025 - 1.0).max() < 0.02

@@ -9,6 +9,7 @@ A sample without a device's time has its time of arrival, which `straighten` cor
 
 import time
 from collections import deque
+from collections.abc import Sequence
 from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
@@ -158,12 +159,16 @@ class SampleClock(Generic[T]):
 class Stamper:
     """Stamps samples as they arrive, for the screen and the file. At the end `straighten` gives better times."""
 
-    def __init__(self) -> None:
+    def __init__(self, even: Sequence[float] = ()) -> None:
+        """Start; `even` are straightened times, s, of earlier samples, which were not delayed: the line goes on."""
         self._t, self._count = 0.0, 0
+        self._is_on_line = len(even) > 1
         self._pieces: deque[tuple[float, int]] = deque(maxlen=MEAN_SAMPLES + 1)
         """For each sample the arrival of its piece, and the number of that piece's last sample, which did not wait."""
-        self._behind: deque[tuple[float, float]] = deque()
-        """(arrival, delay) pairs of the last LONGEST_BURST_S with rising delays, so that the first is the least."""
+        self._behind: deque[tuple[float, float, int]] = deque()
+        """Pieces of the last LONGEST_BURST_S with their delays, which rise, so that the first is the least."""
+        for t in even:
+            self.stamp(t)
 
     def stamp(self, arrival: float, after: int = 0) -> float:
         """Return the time of the next sample, s since the first.
@@ -180,11 +185,13 @@ class Stamper:
             self._first = arrival, last
             self._t += SHORTEST_STEP_S if self._count > 1 else 0.0
             return self._t
-        interval = max((arrival - begun) / (last - first), SHORTEST_STEP_S)
+        # Where the first piece was not delayed, the least delayed one tells the interval best.
+        on_time, _, until = self._behind[0] if self._behind and self._is_on_line else (arrival, 0.0, last)
+        interval = max((on_time - begun) / (until - first), SHORTEST_STEP_S)
         delay = arrival - self._first[0] - interval * (after - self._first[1]) - (self._t + interval)
         while self._behind and self._behind[-1][1] >= delay:
             self._behind.pop()
-        self._behind.append((arrival, delay))
+        self._behind.append((arrival, delay, last))
         while arrival - self._behind[0][0] > LONGEST_BURST_S:
             self._behind.popleft()
         late = self._behind[0][1]

@@ -550,7 +550,7 @@ def test_short_holes_are_bridged() -> None:
     tracker, events = fed(holed)
     assert not [event for event in events if isinstance(event, DataFlaw)]
     repair = SampleRepair()
-    repair.interval = 0.01
+    repair.begin([Sample(k, 0.01 * k, UP, UP) for k in (-1, 0)], jitter=False)
     assert recording.gyr is not None
     assert holed.gyr is not None
     rows = zip(holed.t.tolist(), holed.acc, holed.gyr, strict=True)
@@ -865,6 +865,40 @@ def test_a_magnetometer_may_be_read_less_often() -> None:
         assert radians < np.radians(2.0)
 
 
+def arrivals(recording: Recording, kind: str) -> Recording:
+    """The recording with arrival times: delayed at random by an interval on average, or four rows at one time."""
+    t, rows = recording.t, np.arange(len(recording))
+    late = np.random.default_rng(0).exponential(1.0 / recording.rate_hz, len(t))
+    arrived = np.maximum.accumulate(t + late) if kind == "random" else t[np.minimum(rows // 4 * 4 + 3, rows[-1])]
+    return replace(recording, t=arrived)
+
+
+@pytest.mark.parametrize("kind", ["random", "fours"])
+@pytest.mark.parametrize("rate_hz", [40.0, 95.0])
+def test_arrival_times_lose_no_stop(kind: str, rate_hz: float) -> None:
+    """As they were, stops were missed, and keyframes were off by up to 70 cm."""
+    demo = simulate("pick-and-place-stops", "modern", 1, rate_hz=rate_hz)
+    tracker, events = fed(arrivals(demo.recording, kind))
+    (flaw,) = (event for event in events if isinstance(event, DataFlaw))
+    assert "evenly spaced times at" in flaw.message
+    keyframes = tracker.keyframes
+    assert len(keyframes) == 5
+    for keyframe in keyframes:
+        assert keyframe.T_nav_sensor.p == pytest.approx(truth_at(known(demo.truth), keyframe.t), abs=0.02)
+
+
+def test_a_row_that_is_lost_among_arrival_times_leaves_the_motion_unknown() -> None:
+    """It is noticed half a second late: rate and acceleration of 1 rad/s and 2 m/s2, one sigma, are missed since."""
+    repair, acc, gyr = SampleRepair(), GRAVITY * UP, np.zeros(3)
+    repair.begin([repair.take(0.01 * k, acc, gyr, None, None)[0][0] for k in range(100)], jitter=True)
+    made = [repair.take(0.01 * (k + (k > 120)), acc, gyr, None, None)[0] for k in range(100, 220)]
+    ((first, second),) = (samples for samples in made if len(samples) > 1)
+    lasts = second.t - made[made.index([first, second]) - 1][0].t
+    assert lasts == pytest.approx(0.02, rel=0.02)
+    assert first.t > 1.5
+    assert second.gap_noise == pytest.approx((lasts, 4.0 * lasts))
+
+
 def test_shifting_time_changes_nothing() -> None:
     recording = poured_at_first()
     here, later = plain()[0].keyframes, fed(replace(recording, t=recording.t + 100.0))[0].keyframes
@@ -899,7 +933,7 @@ def test_stops_of_a_real_hand_agree_with_the_optics(data_folder: Path) -> None:
 def test_between_the_neighbours_of_lost_samples_motion_may_be_anything() -> None:
     """Its noise: the variance of a uniform distribution between the two, summed over axes, times the gap's duration."""
     repair, between = SampleRepair(), np.linspace(0.0, 1.0, 10_001)[:, None]
-    repair.interval = 0.01
+    repair.begin([Sample(k, 0.01 * k, UP, UP) for k in (-1, 0)], jitter=False)
     gyr, acc = np.array((0.1, -0.2, 0.3)), np.array((1.0, 2.0, -0.5))
     repair.take(0.0, 0.5 * acc, 0.5 * gyr, None, None)
     samples, _ = repair.take(0.03, acc, gyr, None, None)

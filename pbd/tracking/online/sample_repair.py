@@ -1,10 +1,12 @@
 """Make regular samples of the rows that a port delivers: leave out bad rows, fill gaps."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from pbd.pose import Array
+from pbd.timestamps.sample_clock import Stamper
 from pbd.tracking.repair.clock import CLOCK_JUMP_S
 from pbd.tracking.repair.gaps import BRIDGED_S
 from pbd.tracking.repair.units import LARGEST_READING
@@ -45,18 +47,25 @@ class SampleRepair:
     """Leaves out bad rows and fills gaps, as `repair_recording` does in a whole recording.
 
     A row with a missing number counts as lost. Gaps of up to 50 ms are interpolated. Samples that fill a longer gap are
-    marked as unseen.
-
-    Attributes:
-        interval: s, the sampling interval. Set it once it is known; gaps are filled from then on.
+    marked as unseen. Times are those of the rows until `begin` knows whether they jitter.
     """
 
     def __init__(self) -> None:
-        self.interval: float | None = None
+        self._interval: float | None = None
         self._row = -1
+        self._t = -np.inf  # s, of the last row, as fed
+        self._stamper: Stamper | None = None
+        self._first_t = 0.0  # s, of the stamper's first sample
         self._last: Sample | None = None
         self._clock_wrong = False
         self._incomplete = False
+
+    def begin(self, samples: Sequence[Sample], *, jitter: bool) -> None:
+        """From now on fill gaps, with the interval of these samples; if the rows' times jitter, continue theirs."""
+        self._interval = float(np.median(np.diff([sample.t for sample in samples])))
+        if jitter:
+            self._stamper = Stamper([sample.t for sample in samples])
+            self._first_t, self._last = samples[0].t, samples[-1]
 
     def take(
         self, t: float, acc: Array | None, gyr: Array | None, mag: Array | None, device_rpy: Array | None
@@ -66,17 +75,20 @@ class SampleRepair:
         if not np.isfinite(t):
             return [], f"the time of row {self._row} is not a number; the row is left out"
         last = self._last
-        if last is not None and (t < last.t or t - last.t > CLOCK_JUMP_S):
+        if last is not None and (t < self._t or t - self._t > CLOCK_JUMP_S):
             was_wrong, self._clock_wrong = self._clock_wrong, True
-            what = "runs backwards" if t < last.t else "jumps"
+            what = "runs backwards" if t < self._t else "jumps"
             message = (
-                f"time {what} from {last.t:.3f} s to {t:.3f} s (row {self._row}); rows are left out until it is at "
-                f"{last.t:.3f} s again; if it never is, start again"
+                f"time {what} from {self._t:.3f} s to {t:.3f} s (row {self._row}); rows are left out until it is at "
+                f"{self._t:.3f} s again; if it never is, start again"
             )
             return [], "" if was_wrong else message
         self._clock_wrong = False
-        if last is not None and t == last.t:
+        if last is not None and t == self._t and (self._is_timed or _repeats(last, acc, gyr)):
             return [], ""
+        self._t = t
+        if self._stamper is not None:
+            t = self._first_t + self._stamper.stamp(t)
         motion = {"acc": acc, **({"device_rpy": device_rpy} if gyr is None else {"gyr": gyr})}
         if lost := [name for name, values in motion.items() if not _known(values)]:
             if self._incomplete or last is None or t - last.t < INCOMPLETE_S:
@@ -94,9 +106,14 @@ class SampleRepair:
             None if device_rpy is None else np.array(device_rpy),
         )
         self._last = sample
-        if last is None or self.interval is None:
+        if last is None or self._interval is None:
             return [sample], ""
-        return self._bridged(last, sample, self.interval)
+        return self._bridged(last, sample, self._interval)
+
+    @property
+    def _is_timed(self) -> bool:
+        """Whether each row's own time is its sample's, so that rows of one time can't be two samples."""
+        return self._interval is not None and self._stamper is None
 
     def _bridged(self, last: Sample, sample: Sample, interval: float) -> tuple[list[Sample], str]:
         lasts = sample.t - last.t
@@ -105,9 +122,10 @@ class SampleRepair:
             return [sample], ""
         missing_s = lasts - interval
         unseen = missing_s > BRIDGED_S + 1e-6
-        # In a short gap the motion is between its neighbours'; in a long gap a hand may do anything.
+        # In a short gap the motion is between its neighbours'; in a long gap a hand may do anything. In straightened
+        # times a gap is noticed late, so the motion in it is as unknown.
         turn, push = (float(((b - a) ** 2).sum()) / 12.0 for a, b in ((last.gyr, sample.gyr), (last.acc, sample.acc)))
-        if unseen:
+        if unseen or self._stamper is not None:
             turn, push = GAP_RATE**2, GAP_ACC**2
         sample = replace(sample, gap_noise=(turn * lasts, push * lasts))
         put_back = [
@@ -127,6 +145,10 @@ class SampleRepair:
             "moved, record again"
         )
         return [*put_back, sample], wrong if unseen else ""
+
+
+def _repeats(last: Sample, acc: Array | None, gyr: Array | None) -> bool:
+    return np.array_equal(last.acc, acc) and (gyr is None or np.array_equal(last.gyr, gyr))  # type: ignore[arg-type]
 
 
 def _known(values: Array | None) -> bool:

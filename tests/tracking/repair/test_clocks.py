@@ -356,3 +356,15 @@ def test_a_gap_of_fifty_milliseconds_is_the_longest_that_is_bridged(lost: int, l
     with pytest.warns(PbdWarning, match=f"{lost} samples missing, in 1 gap"):
         _, gaps = repair_recording(with_rows(recording, np.delete(np.arange(len(recording)), slice(500, 500 + lost))))
     assert len(gaps) == long
+
+
+def test_a_second_of_samples_taken_at_uneven_times_shows_that_they_are() -> None:
+    """The live tracker has no more when it begins."""
+    recording, kept = with_rows(simulate("pour", "modern", 1, rate_hz=40.0).recording, slice(0, 41)), 0
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        taken = replace(unnamed(recording), t=np.cumsum(rng.uniform(0.015, 0.035, 41)))
+        kept += steady_clock(taken) is taken.t
+        with pytest.warns(PbdWarning, match="evenly spaced times"):
+            steady_clock(replace(taken, t=recording.t + rng.uniform(0.0, 0.01, 41)))
+    assert kept >= 18
