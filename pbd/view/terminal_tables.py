@@ -19,6 +19,7 @@ from pbd.data.tracking import DOUBTED_WEIGHT
 from pbd.errors import printable
 from pbd.pose import Array, quat_to_rpy
 from pbd.view.safe_console import Screen
+from pbd.view.terminal import escaped
 from pbd.view.units import Units
 
 PIPE_WIDTH = 200
@@ -94,7 +95,7 @@ def _narrowest(column: Column) -> int:
 
 
 def _lines(column: Column) -> list[str]:
-    return [line for text in (column.header, *column.cells) for line in str(text).split("\n")]
+    return [escaped(line) for text in (column.header, *column.cells) for line in str(text).split("\n")]
 
 
 def make_table(*columns: str, left: Sequence[str] = (), rows: Iterable[Iterable[str | Text]] = ()) -> Table:
