@@ -130,7 +130,7 @@ def test_true_stamps_of_uneven_samples_are_kept(shortest_ms: int, longest_ms: in
 
 
 @pytest.mark.parametrize("mean_ms", [2.0, 5.0])
-@pytest.mark.parametrize("lost", [0.0, 0.02])
+@pytest.mark.parametrize("lost", [0.0, 0.005])
 def test_arrival_times_of_a_busy_host_are_replaced(mean_ms: float, lost: float) -> None:
     """A program stamps samples of 100 Hz when it reads them. In fast motion attitude was off by 3 degrees instead of
     0.3."""
@@ -139,7 +139,7 @@ def test_arrival_times_of_a_busy_host_are_replaced(mean_ms: float, lost: float) 
     arrived = np.maximum.accumulate(true + 1e-3 * rng.exponential(mean_ms, len(true)))
     with pytest.warns(PbdWarning, match="evenly spaced times"):
         off = steady_clock(Recording(arrived - arrived[0], rng.normal(size=(len(true), 3)))) - true
-    assert np.std(off) < 0.004
+    assert np.std(off) < 0.5e-3 * mean_ms
 
 
 @pytest.mark.parametrize("rate_hz", [57.0, 100.0])
