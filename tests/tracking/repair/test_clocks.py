@@ -18,6 +18,7 @@ from pbd.simulation.simulate import SENSOR_MODELS
 from pbd.tracking.keyframes import find_keyframes
 from pbd.tracking.repair.clock import steady_clock, with_clock
 from pbd.tracking.repair.repair_recording import repair_recording
+from tests.known import known
 from tests.scenarios import simulate, truth_at, uncalibrated, with_rows
 
 pytestmark = pytest.mark.usefixtures("remembered")
@@ -140,6 +141,15 @@ def test_arrival_times_of_a_busy_host_are_replaced(mean_ms: float, lost: float) 
     with pytest.warns(PbdWarning, match="evenly spaced times"):
         off = steady_clock(Recording(arrived - arrived[0], rng.normal(size=(len(true), 3)))) - true
     assert np.std(off) < 0.5e-3 * mean_ms
+
+
+def test_samples_that_wait_once_are_no_gap() -> None:
+    """A host is busy for 60 ms in a move: six samples come together, and none is lost."""
+    demo = simulate("pour", "modern", 1, rate_hz=100.0)
+    t = demo.recording.t.copy()
+    row = int(np.argmax(np.linalg.norm(known(demo.recording.gyr), axis=1)))
+    t[row : row + 6] = t[row + 6] - 0.01 * np.linspace(0.9, 0.1, 6)
+    assert "missing" not in said(replace(demo.recording, t=t))
 
 
 @pytest.mark.parametrize("rate_hz", [57.0, 100.0])
