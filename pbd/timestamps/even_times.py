@@ -9,9 +9,6 @@ import numpy as np
 from pbd.pose import Array
 from pbd.timestamps.straighten import LONGEST_BURST_S, WITHIN_BATCH, straighten
 
-COARSE_TICK = 0.05
-"""Time stamps are coarse if their resolution is at least this share of the sampling interval."""
-
 OFF_BEAT = 0.02
 """Largest deviation of a step from a whole number of intervals, as a share of the interval, and largest share of steps
 that deviate by more. Beyond both, stamps are coarse or jitter.
@@ -84,7 +81,8 @@ def _stamp_fault(t: Array, interval: float) -> str:
     if (away > OFF_BEAT * interval).mean() <= OFF_BEAT:
         return ""
     tick = _tick(t)
-    return f"come in steps of {1e3 * tick:.4g} ms" if tick >= COARSE_TICK * interval else "jitter"
+    explained = (away > tick).mean() <= OFF_BEAT
+    return f"come in steps of {1e3 * tick:.4g} ms" if explained else "jitter"
 
 
 def _is_uneven(t: Array, even: Array) -> bool:
