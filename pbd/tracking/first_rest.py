@@ -1,6 +1,7 @@
 """Find the first rest of a recording, which gives its noise, gyro bias and gravity."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -11,8 +12,9 @@ from pbd.frozen_arrays import readonly
 from pbd.pose import Array, lengths
 from pbd.tracking.moving_windows import PASSES, moving_mean_variance, moving_means, rows_of_mean, window_sums
 
-REST_S = 1.0
-"""s: length of the first rest."""
+REST_S, SHORT_REST_S = 1.0, 0.5
+"""s: length of the first rest, and of a quiet rest (QUIET_ACC, QUIET_GYR) that serves where none lasts so long: a foot
+that walks stands still for little more than half a second."""
 
 QUIET_RATIO = 4.0
 """A second is quiet if its restlessness is at most this many times that of the quietest second."""
@@ -67,50 +69,62 @@ class Rest:
         return float(restlessness(self.acc_var, self.gyr_var))
 
 
-def find_rest(recording: Recording) -> Rest:
+class _Calm(NamedTuple):
+    """A calm span of rows, and rms in it of the accelerometer, m/s2, and of the gyro, rad/s.
+
+    Attributes:
+        least_acc: m/s2, of the accelerometer in any other span of this length.
+    """
+
+    start: int
+    stop: int
+    acc: float
+    gyr: float
+    least_acc: float
+
+    def is_below(self, acc: float, gyr: float) -> bool:
+        return self.acc <= acc and self.gyr <= gyr
+
+
+def find_rest(recording: Recording, shortest_s: float = SHORT_REST_S) -> Rest:
     """Find the first quiet second of a recording without NaN. A shorter recording is taken as a whole.
 
     A steady turn about the vertical is as quiet as a rest. So the gyro's mean there must be that of most quiet
     seconds.
 
+    Args:
+        shortest_s: s, REST_S or SHORT_REST_S.
+
     Raises:
         RecordingError: at rest the norm of specific force is more than 15 % off standard gravity: another unit.
         TrackingError: the hand never stands still, or the accelerometer is dead.
     """
-    length = max(2, min(len(recording), round(REST_S * recording.rate_hz)))
-    k = rows_of_mean(recording.rate_hz)
     gyr = np.zeros_like(recording.acc) if recording.gyr is None else recording.gyr
-    acc_var, gyr_var = (moving_mean_variance(values, length, k) for values in (recording.acc, gyr))
-    lasts = recording.t[length - 1 :] - recording.t[: len(acc_var)]
-    # Many samples with the same time stamp are no rest.
-    restless = np.where(lasts < 0.5 * np.median(lasts), np.inf, restlessness(acc_var, gyr_var))
-    # 1e-6: in a sensor without noise rounding alone makes one second quieter than another.
-    quiet = restless <= QUIET_RATIO * restless.min() + 1e-6
-    rate = window_sums(gyr, length) / length
-    off = lengths(rate - np.median(rate[quiet][::k], axis=0))
-    quiet &= off <= max(QUIET_GYR, float(off[quiet].min()))
-    start = int(np.argmax(quiet))
-    stop = start + length
+    calm = _first_calm(recording, gyr, REST_S)
+    if shortest_s < REST_S and not calm.is_below(STILL_ACC, STILL_GYR):
+        shorter = _first_calm(recording, gyr, shortest_s)
+        calm = shorter if shorter.is_below(QUIET_ACC, QUIET_GYR) else calm
+    start, stop = calm.start, calm.stop
     acc, gyr = recording.acc[start:stop], gyr[start:stop]
     gravity = float(np.linalg.norm(acc.mean(axis=0)))
     if gravity == 0.0:
         raise TrackingError(
             "the accelerometer reads zero while at rest, so it is dead or in free fall; check the sensor", value=0.0
         )
-    shakes = bool(np.sqrt(acc_var[start]) > STILL_ACC * max(1.0, gravity / GRAVITY))  # in any unit
+    shakes = calm.acc > STILL_ACC * max(1.0, gravity / GRAVITY)  # in any unit
     _refuse_wrong_units(gravity, recording.info.source, shakes)
-    if acc_var[start] > STILL_ACC**2 or gyr_var[start] > STILL_GYR**2:
-        always_shakes = acc_var.min() > STILL_ACC**2
-        unit = "" if always_shakes else " (if the gyro is not in rad/s, give its unit: --unit gyr=deg/s)"
+    if not calm.is_below(STILL_ACC, STILL_GYR):
+        unit = "" if calm.least_acc > STILL_ACC else " (if the gyro is not in rad/s, give its unit: --unit gyr=deg/s)"
         raise TrackingError(
             f"the hand never stands still for {REST_S:g} s: at its quietest (t = {recording.t[start]:.1f} s) it shakes "
-            f"with {np.sqrt(acc_var[start]):.2f} m/s2 and {np.sqrt(gyr_var[start]):.2f} rad/s; start with two seconds "
-            f"of rest and stop between the moves{unit}",
+            f"with {calm.acc:.2f} m/s2 and {calm.gyr:.2f} rad/s; start with two seconds of rest and stop between the "
+            f"moves{unit}",
             t=float(recording.t[start]),
-            value=float(np.sqrt(acc_var[start])),
+            value=calm.acc,
             bound=STILL_ACC,
-            turn=float(np.sqrt(gyr_var[start])),
+            turn=calm.gyr,
         )
+    k = rows_of_mean(recording.rate_hz)
     return Rest(
         start=start,
         stop=stop,
@@ -120,6 +134,24 @@ def find_rest(recording: Recording) -> Rest:
         gyro_bias=readonly(gyr.mean(axis=0)),
         up_sensor=readonly(acc.mean(axis=0) / gravity),
     )
+
+
+def _first_calm(recording: Recording, gyr: Array, length_s: float) -> _Calm:
+    """The first span of `length_s` that is about as calm as the calmest; `gyr` is (n, 3) rad/s."""
+    length = max(2, min(len(recording), round(length_s * recording.rate_hz)))
+    k = rows_of_mean(recording.rate_hz)
+    acc_var, gyr_var = (moving_mean_variance(values, length, k) for values in (recording.acc, gyr))
+    lasts = recording.t[length - 1 :] - recording.t[: len(acc_var)]
+    # Many samples with the same time stamp are no rest.
+    restless = np.where(lasts < 0.5 * np.median(lasts), np.inf, restlessness(acc_var, gyr_var))
+    # 1e-6: in a sensor without noise rounding alone makes one span quieter than another.
+    quiet = restless <= QUIET_RATIO * restless.min() + 1e-6
+    rate = window_sums(gyr, length) / length
+    off = lengths(rate - np.median(rate[quiet][::k], axis=0))
+    quiet &= off <= max(QUIET_GYR, float(off[quiet].min()))
+    start = int(np.argmax(quiet))
+    rms = (float(np.sqrt(each)) for each in (acc_var[start], gyr_var[start], acc_var.min()))
+    return _Calm(start, start + length, *rms)
 
 
 def likely_unit(norm_at_rest: float, factor: float) -> str | None:

@@ -84,3 +84,16 @@ def test_each_of_32_strides_is_found_at_205_102_and_51_hz(data_folder: Path) -> 
     found = [len(stride_errors(each)[0]) for each in (demo, *slower_strides(demo))]
     assert [found[0], found[1], found[3]] == [32, 32, 32]
     assert found[2] >= 30  # at 68 Hz
+
+
+@pytest.mark.filterwarnings("ignore:no motion between the stops fits:pbd.errors.PbdWarning")  # impacts
+@pytest.mark.filterwarnings("ignore:the hand moves when the recording ends:pbd.errors.PbdWarning")
+def test_strides_are_found_though_the_foot_never_rests_for_a_second(data_folder: Path) -> None:
+    (file,) = (data_folder / "strides").glob("*.npz")
+    demo = import_file(file)
+    walking = demo.recording.t < 34.0  # later, it rests for two seconds
+    rows = {name: values[walking] for name, values in demo.recording.channels.items()}
+    whole, cut = (
+        track(each) for each in (demo.recording, replace(demo.recording, t=demo.recording.t[walking], **rows))
+    )
+    assert len(cut.stops) == sum(bool(whole.t[stop.stop - 1] < 34.0) for stop in whole.stops)

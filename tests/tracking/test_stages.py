@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from scipy.interpolate import CubicHermiteSpline
 
 from pbd.data import GRAVITY, Recording
+from pbd.errors import TrackingError
 from pbd.pipeline import track
 from pbd.pose import (
     Array,
@@ -243,6 +244,25 @@ def test_the_first_second_is_the_rest_if_its_variance_is_at_most_four_times_the_
     acc = np.tile((0.0, 0.0, 9.81), (400, 1))
     acc[:, 0] = 0.02 * (-1.0) ** np.arange(400) * np.where(np.arange(400) < 150, np.sqrt(louder), 1.0)
     assert (find_rest(Recording(np.arange(400) / 100.0, acc)).start == 0) == first
+
+
+def swinging_foot(stands: float) -> Recording:
+    """Four seconds at 100 Hz of a foot that swings, but stands still from 1 to 1.5 s with `stands` m/s2 rms."""
+    n = np.arange(400)
+    swing = np.sqrt(2.0) * np.where((n >= 100) & (n < 150), stands, 2.0) * np.sin(0.5 * n)
+    return Recording(n / 100.0, np.column_stack((swing, np.zeros(400), np.full(400, 9.81))))
+
+
+def test_half_a_second_of_rest_serves_where_none_is_longer() -> None:
+    rest = find_rest(swinging_foot(0.07))
+    assert rest.stop - rest.start == 50
+    assert abs(rest.start - 100) <= 2
+
+
+@pytest.mark.parametrize(("stands", "shortest_s"), [(0.09, 0.5), (0.07, 1.0)])
+def test_half_a_second_that_is_not_quiet_is_no_rest(stands: float, shortest_s: float) -> None:
+    with pytest.raises(TrackingError, match="never stands still"):
+        find_rest(swinging_foot(stands), shortest_s)
 
 
 @pytest.mark.parametrize("n", [1, 2])

@@ -151,7 +151,7 @@ class LiveTracker:
             samples, jitter = self._at_even_times(samples)
         recording = self._recording_of(samples)
         try:
-            rest = find_rest(recording)
+            rest = find_rest(recording, shortest_s=REST_S)
         except PbdError as error:
             self._waiting = _rest_advice(error)
             return []

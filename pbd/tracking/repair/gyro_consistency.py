@@ -25,7 +25,7 @@ from pbd.pose import (
     quat_rotate,
     quat_to_matrix,
 )
-from pbd.tracking.first_rest import QUIET_ACC, STILL_ACC, likely_unit, restlessness
+from pbd.tracking.first_rest import QUIET_ACC, SHORT_REST_S, STILL_ACC, likely_unit, restlessness
 from pbd.tracking.moving_windows import squares, window_moments, window_sums
 from pbd.tracking.repair.axes import (
     AS_GOOD_DEG,
@@ -71,7 +71,7 @@ class Steady:
         rows: (m,) middle row of each moment.
         up_sensor: (m, 3) unit, the vertical in sensor axes at each moment.
         tilt_deg: (m,) degrees, by which it may be off because the hand accelerates.
-        gyro_bias: (3,) rad/s, the gyro's mean over the quietest second.
+        gyro_bias: (3,) rad/s, the gyro's mean over the quietest half second.
     """
 
     rows: NDArray[np.intp]
@@ -81,17 +81,17 @@ class Steady:
 
 
 def find_steady(acc: Array, gyr: Array, rate_hz: float) -> Steady:
-    """Find the steady moments of acc (n, 3) and gyr (n, 3) rad/s, without NaN; g is that of the quietest second.
+    """Find the steady moments of acc (n, 3) and gyr (n, 3) rad/s, without NaN; g is that of the quietest half second.
 
-    Without a second of rest there are none: neither g nor the gyro's bias is known.
+    Without a rest there are none: neither g nor the gyro's bias is known.
     """
-    second, half = max(2, round(rate_hz)), max(1, round(0.5 * STEADY_S * rate_hz))
+    calm, half = max(2, round(SHORT_REST_S * rate_hz)), max(1, round(0.5 * STEADY_S * rate_hz))
     none = Steady(np.zeros(0, dtype=np.intp), np.zeros((0, 3)), np.zeros(0), np.zeros(3))
-    if len(acc) < max(second, 2 * half):
+    if len(acc) < max(calm, 2 * half):
         return none
-    variance, mean = window_moments(acc, second)
+    variance, mean = window_moments(acc, calm)
     # Mean square of the rate, not its variance: in a turn about the vertical the accelerometer is as quiet as at rest.
-    rate = window_sums(squares(gyr), second) / second
+    rate = window_sums(squares(gyr), calm) / calm
     quietest = int(np.argmin(restlessness(variance, rate)))
     if variance[quietest] > STILL_ACC**2:
         return none
@@ -100,7 +100,7 @@ def find_steady(acc: Array, gyr: Array, rate_hz: float) -> Steady:
     norm = np.linalg.norm(mean, axis=1)
     steady = np.flatnonzero((np.abs(norm - g) < STEADY_ACC * g) & (variance < (STEADY_ACC * g) ** 2) & (norm > 0.0))
     tilt_deg = np.where(variance[steady] > (QUIET_ACC / GRAVITY * g) ** 2, HIDDEN_TILT_DEG, 0.0)
-    gyro_bias = gyr[quietest : quietest + second].mean(axis=0)
+    gyro_bias = gyr[quietest : quietest + calm].mean(axis=0)
     return Steady(steady + half, mean[steady] / norm[steady, None], tilt_deg, gyro_bias)
 
 

@@ -10,8 +10,10 @@ a rounded peak with such sides can't be flat; with much noise, its readings woul
 white noise of any size the chance of m equal samples is at most (2.5 steps / fall)^(m - 1), from m = 3 on, with the
 fall of the sides over two samples. (Two samples are always alike if the peak lies midway between them.)
 
-Some clips are not found: peaks of one or two samples, flat tops that differ too little from noise, and clips of an axis
-that was later averaged or mixed with others (corrected for misalignment).
+Impacts have no flat tops, but where they are clipped, several have the same top reading.
+
+Some clips are not found: a few peaks of one or two samples, flat tops that differ too little from noise, and clips of
+an axis that was later averaged or mixed with others (corrected for misalignment).
 """
 
 from collections.abc import Sequence
@@ -20,6 +22,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import bdtrc
 
 from pbd.data import GRAVITY, Recording
 from pbd.errors import amount, warn
@@ -41,15 +44,20 @@ SIDE_SAMPLES = 2
 CHANCE_STEPS = 2.5
 """Largest chance that a rounded peak repeats its top reading: this over the fall of its sides, in steps."""
 
+TAIL_STEPS = 30
+"""Number of steps below the top reading over which peaks are counted. Higher peaks are rarer, so each but the highest
+has at most a chance of 1 in so many to be in the top step."""
+
 CLIPPED_CHANCE = 1e-4
-"""Chance that a flat top is a rounded peak, below which the axis is clipped."""
+"""Chance that flat or equal tops are those of peaks, below which the axis is clipped."""
 
 LARGEST_OVERSHOOT = 0.5
 """Largest height of a gyro's extrapolated peak above its range, as a share of the range. (A lost turn counts as small;
 lost velocity may be large.)"""
 
 LOST_SHARE = 0.1
-"""One sigma of the lost motion is the whole extrapolation plus this share of the range, over the time of the clip."""
+"""One sigma of the lost motion is the whole extrapolation plus this share of the range, over the time of the clip, plus
+the fall of its sides over one sample: of an impact, one or two samples are all that is seen."""
 
 
 @dataclass(frozen=True)
@@ -114,7 +122,7 @@ def _clipped_runs(x: Array, sensor: str, new: NDArray[np.bool_]) -> list[tuple[i
     tops = runs(x >= top * (1.0 - TOP_TOLERANCE))
     counted = ((start, stop, int(new[start:stop].sum())) for start, stop in tops)
     flat = [each for each in counted if each[2] >= REPEATED_ROWS]
-    if not flat:
+    if not flat and len(tops) < 2:
         return []
     between = np.diff(np.unique(x))
     step = max(float(between[between > top * TOP_TOLERANCE].min(initial=np.inf)), top * TOP_TOLERANCE)
@@ -123,7 +131,9 @@ def _clipped_runs(x: Array, sensor: str, new: NDArray[np.bool_]) -> list[tuple[i
         fall = min((top - float(side.min()) for side in sides if len(side)), default=0.0)
         if (CHANCE_STEPS * step / max(fall, step)) ** (samples - 1) < CLIPPED_CHANCE:
             return tops
-    return []
+    peaks = x[1:-1][(x[1:-1] > x[:-2]) & (x[1:-1] >= x[2:])]
+    high = int(np.count_nonzero(peaks > top - TAIL_STEPS * step))
+    return tops if bdtrc(len(tops) - 2, high - 1, 1.0 / TAIL_STEPS) < CLIPPED_CHANCE else []
 
 
 def restore(recording: Recording, clips: Sequence[Clip]) -> tuple[Recording, tuple[LostMotion, ...]]:
@@ -148,7 +158,10 @@ def restore(recording: Recording, clips: Sequence[Clip]) -> tuple[Recording, tup
             overshoot = np.minimum(overshoot, LARGEST_OVERSHOOT * top)
         values[clip.start : clip.stop, clip.axis] += clip.sign * overshoot
         lost = np.zeros(3)
-        lost[clip.axis] = (float(overshoot.sum()) + LOST_SHARE * top * len(overshoot)) * interval / np.sqrt(2.0)
+        sides = values[[max(clip.start - 1, 0), min(clip.stop, len(values) - 1)], clip.axis]
+        fall = top - float((clip.sign * sides).min())
+        unknown = float(overshoot.sum()) + LOST_SHARE * top * len(overshoot) + fall
+        lost[clip.axis] = unknown * interval / np.sqrt(2.0)
         by_sensor = {"acc": np.zeros(3), "gyr": np.zeros(3), clip.sensor: lost}
         quarter = (clip.stop - clip.start) // 4
         # It is unknown when it was lost, so each half gets an impulse of its own.

@@ -21,6 +21,7 @@ from pbd.simulation.simulate import SENSOR_MODELS, TASKS, random_task
 from pbd.simulation.tasks import Task
 from pbd.tracking.keyframes import find_keyframes
 from pbd.tracking.repair.saturation import Clip, clips_of, find_clips, restore
+from tests.benchmarks.tracking import stride_errors
 from tests.benchmarks.trials import read_broad
 from tests.known import known
 from tests.near import assert_near
@@ -179,9 +180,35 @@ def test_a_clipped_parabola_is_continued_and_as_unsure_as_the_continuation() -> 
     assert [(clip.sensor, clip.axis, clip.start, clip.stop) for clip in clips] == [("acc", 0, 189, 212)]
     restored, lost_motion = restore(clipped, clips)
     assert restored.acc[189:212, 0] == pytest.approx(x[189:212], rel=0.016)
-    lost = 0.01 * ((restored.acc - acc)[:, 0].sum() + 0.1 * 20.0 * 23)
+    lost = 0.01 * ((restored.acc - acc)[:, 0].sum() + 0.1 * 20.0 * 23 + 20.0 - min(x[188], x[212]))
     assert np.sqrt(sum(impulse.acc @ impulse.acc for impulse in lost_motion)) == pytest.approx(lost)
     assert [impulse.row for impulse in lost_motion] == [189 + 5, 212 - 5]
+
+
+@pytest.mark.parametrize(("equal", "clips"), [(3, False), (4, True)])
+def test_impacts_are_clipped_if_four_have_the_same_top(equal: int, clips: bool) -> None:
+    """If the top steps are all as likely, four of four peaks are in the same by one chance in 30^3."""
+    acc = np.column_stack((0.01 * np.round(10.0 * np.sin(np.arange(400.0))), np.zeros(400), np.full(400, 9.8)))
+    acc[50 : 50 + 20 * equal : 20, 0] = 39.2
+    found = clips_of(Recording(0.01 * np.arange(400.0), acc))
+    assert [clip.start for clip in found] == [50 + 20 * k for k in range(equal)] * clips
+
+
+def test_equal_tops_among_many_as_high_ones_are_no_clips() -> None:
+    acc = np.column_stack((np.zeros(400), np.zeros(400), np.full(400, 9.8)))
+    acc[20:380:5, 0] = 39.0 + 0.01 * (np.arange(72) % 20)  # four in each of twenty steps
+    assert clips_of(Recording(0.01 * np.arange(400.0), acc)) == ()
+
+
+@pytest.mark.filterwarnings("ignore::pbd.errors.PbdWarning")
+def test_the_velocity_that_real_impacts_lose_is_regained(data_folder: Path) -> None:
+    """A foot's impacts of 6 g and more, clipped at 4 g, are one or two samples long."""
+    (file,) = (data_folder / "strides").glob("*.npz")
+    demo = import_file(file)
+    acc = np.clip(demo.recording.acc, -4.0 * GRAVITY, 4.0 * GRAVITY)
+    clipped = replace(demo, recording=replace(demo.recording, acc=acc))
+    whole, lost = (float(np.median(stride_errors(each)[0])) for each in (demo, clipped))
+    assert lost < 1.3 * whole
 
 
 @pytest.mark.parametrize(("sensor", "top"), [("acc", 36.0), ("gyr", 18.0)])
