@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -92,7 +93,7 @@ def test_strides_are_found_though_the_foot_never_rests_for_a_second(data_folder:
     (file,) = (data_folder / "strides").glob("*.npz")
     demo = import_file(file)
     walking = demo.recording.t < 34.0  # later, it rests for two seconds
-    rows = {name: values[walking] for name, values in demo.recording.channels.items()}
+    rows: dict[str, Any] = {name: values[walking] for name, values in demo.recording.channels.items()}
     whole, cut = (
         track(each) for each in (demo.recording, replace(demo.recording, t=demo.recording.t[walking], **rows))
     )
