@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pbd.data import Recording
+from pbd.data.recording import step_of
 from pbd.errors import CalibrationError
 from pbd.pose import Array
 
@@ -13,7 +14,8 @@ STILL_WINDOW_S, SHORTEST_REST_S, REST_EDGE_S = 0.5, 1.0, 0.2
 """Durations, s: the windows in which stillness is measured, the shortest rest, the margin cut off at each end of it."""
 
 STILL_RATIO = 9.0
-"""Largest variance of a still window, relative to the quietest window."""
+"""Largest variance of a still window, relative to the quietest window, or to rounding: where readings are coarse, one
+window may show a single value while the next alternates between two."""
 
 REST_ACC, REST_GYR = 0.1, np.radians(1.0)
 """A sensor that shakes more than this, m/s2 and rad/s rms over a window, all axes together, is not still. On a table it
@@ -90,10 +92,12 @@ def find_rests(recording: Recording) -> Rests:
             f"the recording lasts only {recording.t[-1]:.1f} s; put the sensor down for two seconds in each orientation"
         )
     acc_var, _ = _moving(recording.acc, length)
-    still = quiet = _still(recording, "accelerometer", acc_var, REST_ACC, SURELY_STILL_ACC, "m/s2", 1.0)
+    still = quiet = _still(recording, "accelerometer", recording.acc, acc_var, REST_ACC, SURELY_STILL_ACC, "m/s2", 1.0)
     if recording.gyr is not None:
         gyr_var, gyr_mean = _moving(recording.gyr, length)
-        quiet &= _still(recording, "gyro", gyr_var, REST_GYR, SURELY_STILL_GYR, "degrees/s", 180.0 / np.pi)
+        quiet &= _still(
+            recording, "gyro", recording.gyr, gyr_var, REST_GYR, SURELY_STILL_GYR, "degrees/s", 180.0 / np.pi
+        )
         if quiet.any():
             tolerance = np.hypot(RATE_DEVIATION, 4.0 * np.sqrt(np.median(gyr_var[quiet]) / length))
             off = np.linalg.norm(gyr_mean - np.median(gyr_mean[quiet], axis=0), axis=1)
@@ -140,13 +144,21 @@ def count_orientations(up_sensor: Array) -> int:
 
 
 def _still(
-    recording: Recording, what: str, variance: Array, still: float, floor: float, unit: str, factor: float
+    recording: Recording,
+    what: str,
+    values: Array,
+    variance: Array,
+    still: float,
+    floor: float,
+    unit: str,
+    factor: float,
 ) -> NDArray[np.bool_]:
     """Say in which windows a sensor is still.
 
     Args:
         what: name of the sensor.
-        variance: summed over the axes.
+        values: its readings (n, 3).
+        variance: theirs in each window, summed over the axes.
         still, floor: upper and lower bound of the threshold on its root, in SI units.
         unit, factor: for the message, and its ratio to the SI unit.
 
@@ -162,7 +174,8 @@ def _still(
             value=float(np.sqrt(quietest)),
             bound=still,
         )
-    return np.asarray(variance <= np.clip(STILL_RATIO * quietest, floor**2, still**2))
+    rounding = 3.0 * step_of(values) ** 2 / 12.0
+    return np.asarray(variance <= np.clip(STILL_RATIO * max(quietest, rounding), floor**2, still**2))
 
 
 def _moving(values: Array, length: int) -> tuple[Array, Array]:

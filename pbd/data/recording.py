@@ -13,6 +13,9 @@ from pbd.frozen_arrays import Frozen, freeze_arrays, numeric
 from pbd.pose import Array
 from pbd.timestamps.even_times import batched_interval
 
+STEP_ROWS = 4096
+"""Number of rows, spread over a recording, from which the step (resolution) of its readings is found."""
+
 
 @dataclass(frozen=True)
 class GripEvent:
@@ -91,6 +94,12 @@ class Recording(Frozen):
             return 0.0
         step = float(np.median(np.diff(self.t))) or batched_interval(self.t)
         return 1.0 / step if step else 0.0
+
+
+def step_of(values: Array) -> float:
+    """The step (resolution) of readings (n, 3): the smallest difference of two on an axis; infinity: none differs."""
+    some = values[:: max(1, len(values) // STEP_ROWS)]
+    return min(float(np.diff(np.unique(axis)).min(initial=np.inf)) for axis in some.T)
 
 
 @dataclass(frozen=True, eq=False)

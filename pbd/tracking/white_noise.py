@@ -3,6 +3,7 @@
 import numpy as np
 
 from pbd.data import Recording
+from pbd.data.recording import step_of
 from pbd.pose import Array
 from pbd.tracking.first_rest import REST_S
 from pbd.tracking.moving_windows import rows_of_mean, white_noise_variance
@@ -17,20 +18,11 @@ BAND_FACTOR = 1.5
 """Largest white noise, as a multiple of that found in the band: two sigma more. In a second, one sigma of what is found
 is a quarter (five frequencies on three axes, and neighbouring frequencies are correlated)."""
 
-STEP_ROWS = 4096
-"""Number of rows, spread over a recording, from which the step (resolution) of its readings is found."""
-
 
 def steps_of(recording: Recording) -> tuple[float, float]:
     """The step of the gyro's readings, rad/s, and of the accelerometer's, m/s2; infinity: no reading differs."""
-    gyr, acc = (np.inf if values is None else _step(values) for values in (recording.gyr, recording.acc))
+    gyr, acc = (np.inf if values is None else step_of(values) for values in (recording.gyr, recording.acc))
     return gyr, acc
-
-
-def _step(values: Array) -> float:
-    """The smallest difference between two readings (n, 3) of an axis."""
-    some = values[:: max(1, len(values) // STEP_ROWS)]
-    return min(float(np.diff(np.unique(axis)).min(initial=np.inf)) for axis in some.T)
 
 
 def white_noise(values: Array, energy: float, step: float, rate_hz: float) -> tuple[float, float]:

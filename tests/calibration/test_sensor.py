@@ -100,6 +100,12 @@ def test_a_sensor_that_was_never_still(shake: str, what: str) -> None:
         find_rests(Recording(np.arange(n) / 100.0, trembling["acc"], trembling["gyr"]))
 
 
+@pytest.mark.parametrize("step", [0.04, 0.08])  # m/s2: 4 and 8 mg, of ten bits and of eight over 2 g
+def test_rests_in_which_coarse_readings_alternate_are_found(rests: Rests, step: float) -> None:
+    quiet = replace(BAD, acc=replace(BAD.acc, noise=0.001, step=step))
+    assert len(find_rests(simulate(sides(SEED), quiet, SEED).recording)) == len(rests)
+
+
 def test_rests_that_are_too_short() -> None:
     waypoints = [Waypoint(rest_s=0.7), *(Waypoint((0.1 * (k % 2), 0, 0), (0.5, 0, 0), 0.5, 0.7) for k in range(6))]
     with pytest.raises(CalibrationError, match="never still for 1 s; put it down for two seconds in each orientation"):
