@@ -83,7 +83,8 @@ def calibrate_sensor(
     refuse_other_sensor(f"'{recording.info.name}'", recording.info.sensor, known)
     wanted = only or KINDS
     rests = find_rests(recording)
-    errors = replace(known, sensor=recording.info.sensor, temperature_c=temperature_c)
+    name = known.sensor if recording.info.sensor == "unknown" else recording.info.sensor
+    errors = replace(known, sensor=name, temperature_c=temperature_c)
     remarks: list[str] = []
     if rests.turning:
         remarks.append(

@@ -483,6 +483,7 @@ def test_another_sensors_errors_are_refused(recording: Recording) -> None:
         calibrate_sensor(recording, known=errors)
     unnamed = replace(recording, info=RecordingInfo(sensor="unknown"))
     assert len(corrected(unnamed, errors)) == len(recording)
+    assert calibrate_sensor(unnamed, known=errors, only=["gyr"]).errors.sensor == "vn100"
 
 
 def test_a_rest_that_contradicts_its_calibration_is_reported(calibrated: SensorFit, rests: Rests) -> None:

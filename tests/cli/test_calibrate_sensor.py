@@ -1,6 +1,7 @@
 """`pbd calibrate sensor` and `mount`, and their effect on tracking and recording."""
 
 import re
+import shutil
 import warnings
 from dataclasses import replace
 from pathlib import Path
@@ -112,6 +113,11 @@ def test_a_nav_of_the_sensor_as_it_was_is_warned_of(recorded: Path, capsys: Capt
         Path(f"calibration/{part}.toml").write_text(f'format = 1\nname = "{part}"\n{start}', encoding="utf-8")
         _, _, err = run(capsys, "calibrate", "sensor", part, "sides", *only)
         assert ("holds for the sensor as it was read before" in err) == warned
+
+
+def test_an_import_whose_sensor_is_not_named_takes_any_calibration(bench: Path, capsys: Capture) -> None:
+    shutil.copy("demos/tea/imu.csv", "log.csv")
+    assert len(run_json(capsys, "keyframes", "log.csv", "--calibration", "bench")["keyframes"]) > 1
 
 
 def test_another_sensor_is_refused(bench: Path, capsys: Capture) -> None:

@@ -38,7 +38,7 @@ def test_metabase_has_a_file_for_each_sensor(tmp_path: Path, head: str) -> None:
         assert_allclose(recording.gyr, [[np.pi / 2, 0.0, rate * DEG] for rate in (10.0, 20.0)])
         assert recording.info.source.unread[METABASE.format("Quaternion")] == "a file that isn't used"
         assert recording.info.source.program == "MetaBase (MbientLab)"
-        assert recording.info.sensor == "metawear (imported)"
+        assert recording.info.sensor == "metawear"
     (tmp_path / METABASE.format("Accelerometer").replace("Hand", "Foot")).write_text(
         head.format("g") + "1700000000010,2023-11-14T22.13.20.010,0,0,0,1\n"
     )

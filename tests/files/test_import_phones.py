@@ -145,7 +145,7 @@ def test_a_watch_gives_gravity_and_the_rest_of_its_acceleration(tmp_path: Path, 
     path.write_text("\n".join((",".join(header), *(",".join(map(str, row)) for row in rows.tolist()))))
     for each in (place, packed(place), path):
         found = import_file(each)
-        assert found.recording.info.sensor == "watch (imported)"
+        assert found.recording.info.sensor == "watch"
         assert_allclose(found.recording.acc, UP, atol=1e-9)
         assert_allclose(known(found.recording.gyr), TURN, atol=1e-12)
         source = found.recording.info.source

@@ -63,7 +63,7 @@ def import_file(
     demo = next(filter(None, (read(request) for read in READERS)), None)
     if demo is None:
         raise _not_known(path)
-    info = replace(demo.recording.info, name=utf8_name(path.stem), sensor=f"{demo.recording.info.sensor} (imported)")
+    info = replace(demo.recording.info, name=utf8_name(path.stem))
     notes = f"Imported from {utf8_name(path.name)}."
     demo = replace(demo, recording=replace(demo.recording, info=info), notes=notes)
     if path.name == "imu.csv" and (path.parent / "demo.toml").is_file():
