@@ -47,6 +47,8 @@ class MagnetometerFit:
         heading: rad, rms turn of a heading by the variation of strength or dip over the rests. Only the field's level
             part shows the heading; a disturbance has no preferred direction, and the fit takes a part of it.
         before: relative rms variation of the strength without the correction.
+        turned: rad, angle of the rotation in `linear`: large where the axes have other names or signs than the
+            accelerometer's. Of mirrored axes it is half a turn, because the reversed field fits as well.
     """
 
     linear: LinearErrors
@@ -56,6 +58,7 @@ class MagnetometerFit:
     dip_uneven: float
     heading: float
     before: float
+    turned: float
 
 
 def fit_ellipsoid(points: Array) -> tuple[Array, Array]:
@@ -161,6 +164,7 @@ def fit_magnetometer(mag: Array, rests: Rests, up_sensor: Array, up_sigma: float
     strength_at_rest = np.linalg.norm((at_rest - bias) @ matrix.T, axis=1) / field
     as_read = np.linalg.norm(used, axis=1)
     unit = float(np.cbrt(np.linalg.det(matrix)))
+    left, _, right = np.linalg.svd(matrix)
     return MagnetometerFit(
         linear=LinearErrors(bias, matrix / unit, sigma),
         field=field / unit,
@@ -169,4 +173,5 @@ def fit_magnetometer(mag: Array, rests: Rests, up_sensor: Array, up_sigma: float
         dip_uneven=dip_uneven,
         heading=float(max(of_dip, rms(strength_at_rest - 1.0)) / np.cos(dip)),
         before=float(as_read.std() / as_read.mean()),
+        turned=float(np.arccos(np.clip((np.trace(left @ right) - 1.0) / 2.0, -1.0, 1.0))),
     )

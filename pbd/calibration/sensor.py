@@ -13,7 +13,7 @@ from pbd.calibration.rests import Rests, find_rests
 from pbd.data import GRAVITY, Recording, SensorErrors
 from pbd.data.one_line_repr import counted
 from pbd.data.units import GRAVITY_ON_EARTH, MG
-from pbd.errors import CalibrationError, UsageError, amount, require_kind
+from pbd.errors import CalibrationError, UsageError, amount, in_degrees, require_kind
 from pbd.pose import Array
 
 KINDS = ("gyr", "acc", "mag")
@@ -28,6 +28,10 @@ of freedom) a sensor as good as TRUSTED_ACC exceeds it once in twelve times."""
 UNEVEN_FIELD = 0.05
 """Largest rms variation of the field's strength over a recording, as a share, with which the fit is trusted. Between
 rests, the field may change a heading by DISTURBED_HEADING at most."""
+
+OTHER_AXES = np.radians(45.0)
+"""Half-way between axes as named and axes exchanged, rad: a magnetometer turned further against its accelerometer has
+other names or signs of its axes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,6 +136,12 @@ def calibrate_sensor(
                     f"the corrected magnetic field varies by {100.0 * mag.uneven:.0f} % in strength and by "
                     f"{np.degrees(mag.dip_uneven):.1f} degrees in dip, so headings will be wrong: check the axes and "
                     "signs of mx, my, mz, move away from iron and motors, and turn every side up; calibrate again"
+                )
+            elif mag.turned > OTHER_AXES:
+                remarks.append(
+                    f"the magnetometer's axes are turned by {in_degrees(mag.turned)} against the accelerometer's: mx, "
+                    "my, mz have wrong names or signs; this is corrected, but north may be south; to mend it, name its "
+                    "columns when you import, and calibrate again"
                 )
     return SensorFit(errors, rests, acc, mag, tuple(remarks))
 

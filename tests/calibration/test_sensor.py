@@ -280,6 +280,15 @@ def test_a_magnetometer_in_other_axes_is_remarked_on(recording: Recording) -> No
     assert "signs of mx, my, mz" in "".join(fit.remarks)
 
 
+@pytest.mark.parametrize("axes", [(1.0, 1.0, -1.0), (1.0, -1.0, -1.0)])  # mirrored; half a turn
+def test_a_magnetometer_whose_signs_are_wrong_is_corrected_with_a_remark(recording: Recording, axes: Array) -> None:
+    right, fit = (calibrate_sensor(replace(recording, mag=known(recording.mag) * each)) for each in (1.0, axes))
+    assert right.remarks == ()
+    (remark,) = fit.remarks
+    assert "the magnetometer's axes are turned by 17" in remark
+    assert known(fit.errors.dip) == pytest.approx(np.prod(axes) * known(right.errors.dip), abs=1e-3)
+
+
 def _heading(field: Array, up: Array, axes: Array) -> float:
     """Return the heading of the sensor's x axis, rad from east."""
     east = np.cross(field, up)
