@@ -13,6 +13,7 @@ import numpy as np
 from pbd.arm.ik.branches import MARGIN_RAD, SAME_RAD, configuration_cost, find_branches, polish, turn_toward
 from pbd.arm.ik.levenberg_marquardt import SOLVED, Residual, descend_each
 from pbd.arm.ik.partial_pose import is_redundant
+from pbd.arm.ik.starts import distinct
 from pbd.arm.ik.unreachable import out_of_reach
 from pbd.arm.ladder_graph import Barred, Ladder, Layer, joint_travel
 from pbd.arm.model import ArmModel, to_se3
@@ -117,21 +118,27 @@ def layers_along(arm: ArmModel, ladder: Ladder, place: int, T_base_tool: Sequenc
 
 def widen(arm: ArmModel, pose: Pose, ladder: Ladder, place: int, starts: int = STARTS_WIDE) -> None:
     """Search for more configurations of a layer, from the states of the layer before; add those that are new."""
-    before, known = ladder.layers[place - 1].q, ladder.layers[place].q
+    before = ladder.layers[place - 1].q
     found = states_at(arm, pose, States(before, np.zeros(len(before)), np.zeros(len(before))), starts)
-    new = np.array([np.abs(known - q).max(axis=1).min() > SAME_RAD for q in found.q], dtype=bool)
-    ladder.add(place, found.q[new], found.cost[new])
+    _add_new(arm, ladder, place, found.q)
 
 
 def add_turns(arm: ArmModel, ladder: Ladder, place: int, joint: int) -> int:
-    """Add a layer's states, with one joint rotated by a whole turn within its limits; return how many."""
+    """Add a layer's states, with one joint rotated by a whole turn within its limits; return how many are new."""
     q = np.repeat(ladder.layers[place].q, 2, axis=0)
     q[::2, joint] += 2.0 * np.pi
     q[1::2, joint] -= 2.0 * np.pi
     q = q[(q[:, joint] >= arm.limits.lower[joint]) & (q[:, joint] <= arm.limits.upper[joint])]
-    if len(q):
-        ladder.add(place, q, configuration_cost(arm, q))
-    return len(q)
+    return _add_new(arm, ladder, place, q)
+
+
+def _add_new(arm: ArmModel, ladder: Ladder, place: int, q: Array) -> int:
+    """Add to a layer those of the states (m, k) that it does not have; return how many."""
+    known, q = ladder.layers[place].q, distinct(q, len(q), SAME_RAD)
+    new = q[np.array([np.abs(known - each).max(axis=1).min() > SAME_RAD for each in q], dtype=bool)]
+    if len(new):
+        ladder.add(place, new, configuration_cost(arm, new))
+    return len(new)
 
 
 def turn_variants(arm: ArmModel, q: Array, before: Array, most: int) -> Array:
@@ -188,4 +195,4 @@ def _move_along_null_space(arm: ArmModel, T_base_tool: Sequence[Pose], ladder: L
             if squares[0] < SOLVED and most > 0.0 and (cost := float(configuration_cost(arm, ended)[0])) < most:
                 path[i], costs[i] = ended[0], cost
     for i, goal in enumerate(goals, start=1):
-        ladder.add(i, polish(arm, goal, path[i : i + 1]), costs[i : i + 1])
+        _add_new(arm, ladder, i, polish(arm, goal, path[i : i + 1]))

@@ -6,7 +6,7 @@ import pytest
 
 from pbd.arm.ik.branches import AT_LIMIT, SINGULAR, configuration_cost, turn_toward
 from pbd.arm.ik.solver import ik_result
-from pbd.arm.ladder_building import joints_to_unwind, turn_variants
+from pbd.arm.ladder_building import add_turns, build_ladder, joints_to_unwind, turn_variants
 from pbd.arm.model import ArmModel, load_model, to_se3
 from pbd.data import Robot
 from pbd.errors import PlanError
@@ -137,6 +137,19 @@ def test_no_joint_is_unwound_for_a_short_move_within_the_limits() -> None:
     q = arm.robot.home + 0.01
     assert arm.turns.any()
     assert joints_to_unwind(arm, arm.forward(q), arm.robot.home, q) == set()
+
+
+def test_whole_turns_that_a_layer_already_has_are_not_added_again() -> None:
+    """Joints that turn by 360 degrees to each side have two variants, and with both there are no others."""
+    arm = arm_of("ur5")
+    ladder = build_ladder(arm, [arm.forward(arm.robot.home)], arm.robot.home, None, 10)
+    different = len(np.unique(np.round(np.mod(ladder.layers[1].q, 2.0 * np.pi), 6), axis=0))
+    for joint in (0, 5, 0):
+        add_turns(arm, ladder, 1, joint)
+    turns = np.round(ladder.layers[1].q, 6)
+    assert len(turns) == len(np.unique(turns, axis=0))
+    assert len(turns) >= 4 * different
+    assert add_turns(arm, ladder, 1, 5) == 0
 
 
 def test_whole_turns_stay_within_the_limits(odd_robot: Robot) -> None:
