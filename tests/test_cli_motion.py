@@ -205,7 +205,7 @@ def test_a_line_is_followed_where_something_bars_the_way_back_alone(capsys: Capt
         *((k, "line") for k in (1, 2, 3, 4)),
         (None, "detour"),
     ]
-    assert around["warnings"] == ["on its way back the arm goes around post: --no-detour refuses that"]
+    assert around["warnings"] == ["on its way back the arm goes around post: --no-detour forbids that"]
     result = run_json(capsys, *line, "--no-detour")
     assert {move["kind"] for move in result["moves"]} == {"line"}
     (told,) = [warning for warning in result["warnings"] if "no collision-free way back" in warning]

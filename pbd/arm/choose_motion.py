@@ -73,6 +73,7 @@ class _Search(Mending):
         ladder.end = min(WINDOW, len(ladder.layers))
         self.retreat_hit: Hit | None = None
         self.before_trial: tuple[Ladder, list[Link], list[MoveState], Hit | None] | None = None
+        self.most_cost = np.inf
         self.unwound: set[int] = set()
         for i in range(1, self.n if request.kind != STRAIGHT else 1):
             self._follow_path(i + 1, request.kind)
@@ -83,7 +84,7 @@ class _Search(Mending):
             if isinstance(path, Barred):
                 refused = self._mend_all(path)
                 if refused is not None and self.before_trial is not None:
-                    (self.ladder, self.links, self.moves, self.retreat_hit), self.before_trial = self.before_trial, None
+                    self._restore()
                 elif refused is not None and self.ladder.first > 0:
                     self.ladder.release()
                 elif refused is not None:
@@ -167,27 +168,50 @@ class _Search(Mending):
                 self._follow_path(place, LINE)
                 move.remedies = ["split", "widen"]
                 made = True
-            elif deviation.wide and move.wide is None:
+            elif deviation.wide and not move.tried_around:
                 wide[place] = deviation
         if made:
             return True
-        if self.before_trial is not None:  # the trial line works: give its move its remedies back
+        if self.before_trial is not None:
+            if self._cost() > self.most_cost:
+                self._restore()
+                return True
             for move, before in zip(self.moves, self.before_trial[2], strict=True):
-                move.remedies = move.remedies or [*before.remedies]
+                move.remedies = move.remedies or [*before.remedies]  # the trial works: give its move its remedies back
             self.before_trial = None
         for place, deviation in wide.items():
             i = self.links[place - 1].keyframe
-            if not self._unwind(i, q[place - 1], q[place]):
-                self.moves[i].wide = deviation
-                straight = line(*self.request.T_base_tool[i - 1 : i + 1])
-                barred = self.tool_hit(i, straight) is not None
-                if barred and self.request.hand is None:
-                    continue
-                self.before_trial = self._snapshot()
-                self._follow_path(place, DEMO if barred else LINE)
-                self.moves[i].remedies = []
-            return True
+            if self._unwind(i, q[place - 1], q[place]) or self._try_other(place, self.moves[i], deviation):
+                return True
         return False
+
+    def _try_other(self, place: int, move: MoveState, deviation: ToolDeviation) -> bool:
+        """Try another path instead of a wide move: first a line, or the hand's path, then a detour; return whether.
+
+        A detour can be shorter only if something was in the way of other straight moves.
+        """
+        i = self.links[place - 1].keyframe
+        kind, around = LINE, move.wide is not None
+        if not around and self.tool_hit(i, line(*self.request.T_base_tool[i - 1 : i + 1])) is not None:
+            kind, around = DEMO, self.request.hand is None
+        move.wide, move.tried_around = deviation, around
+        if around and not (STRAIGHT in move.hits and "detour" in move.remedies):
+            return False
+        self.before_trial, self.most_cost = self._snapshot(), self._cost() - WIDE_COST if around else np.inf
+        if around:
+            self._detour(i)
+        else:
+            self._follow_path(place, kind)
+        self.moves[i].remedies = []
+        return True
+
+    def _cost(self) -> float:
+        """Return the cost of the shortest path, rad."""
+        return float(self.ladder.travel(self.ladder.end - 1).min())
+
+    def _restore(self) -> None:
+        assert self.before_trial is not None
+        (self.ladder, self.links, self.moves, self.retreat_hit), self.before_trial = self.before_trial, None
 
     def _unwind(self, i: int, q_before: Array, q: Array) -> bool:
         """Add configurations with a whole turn more or less of each joint to unwind; return whether any was added."""

@@ -20,6 +20,7 @@ class MoveState:
         barred_pairs: number of barred pairs of configurations.
         wide_pairs: number of pairs of configurations between which the tool deviates widely.
         wide: the tool's deviation on the wide straight move that a path replaced.
+        tried_around: a detour was tried in place of that move, or there was no reason to.
         detour: nothing else was free, so a detour is searched for.
         detour_checks: number of collision checks of the searches for a detour.
         widened: more configurations were added at the keyframe.
@@ -32,6 +33,7 @@ class MoveState:
     barred_pairs: int = 0
     wide_pairs: int = 0
     wide: ToolDeviation | None = None
+    tried_around: bool = False
     detour: bool = False
     detour_checks: int = 0
     widened: bool = False

@@ -65,7 +65,7 @@ def warn_about_motion(motion: Motion, retreat_hit: Hit | None) -> None:
         if move.kind == DETOUR and move.avoided is not None:
             where = f"from {i - 1} to {i}" if i > 0 else "on its way to keyframe 0"
             where = "on its way back" if i == len(motion.q) else where
-            warn(f"{where} the arm goes around {move.avoided.second}: --no-detour refuses that")
+            warn(f"{where} the arm goes around {move.avoided.second}: --no-detour forbids that")
     if retreat_hit is not None:
         message = f"no collision-free way back from the last keyframe was found ({retreat_hit})"
         warn(f"{message}: the motion ends there")

@@ -52,7 +52,7 @@ class PlanOptions:
         approach: start at home or `start`, not at keyframe 0.
         start: the arm's present joints, rad; None: home.
         retreat: return home at the end.
-        detour: if nothing else is free, go around obstacles.
+        detour: go around obstacles if nothing else is free, or only a move that is wider and longer.
         allow_collision: if nothing is free, plan without collision checks; the plan says what touches.
         payload: kg that the tool always carries, such as a gripper that the model lacks.
         p_tool_payload: its centre of mass in the tool frame, m.

@@ -237,7 +237,7 @@ def test_without_a_hands_path_a_line_is_tried() -> None:
 
 def test_a_detour_is_the_same_each_time_and_is_warned_of(around: tuple[Motion, list[object]]) -> None:
     """Neither other configurations nor a line avoid the plate; earlier plans do not change the result."""
-    with pytest.warns(PbdWarning, match="^from 0 to 1 the arm goes around the plate: --no-detour refuses that$"):
+    with pytest.warns(PbdWarning, match="^from 0 to 1 the arm goes around the plate: --no-detour forbids that$"):
         again = chosen((LEFT, RIGHT), PLATE, approach=False)
     assert kinds(again) == [STRAIGHT, DETOUR]
     assert again.segments[1].q.tobytes() == around[0].segments[1].q.tobytes()
@@ -374,6 +374,27 @@ def test_a_detour_is_searched_for_before_distant_configurations() -> None:
         found = choose_motion(arm, MotionRequest(poses, arm.robot.home, q_retreat=arm.robot.home), scene)
     assert isinstance(found, Motion)
     assert travel(found) < 8.0
+
+
+@pytest.mark.filterwarnings("ignore:from 0 to 1 the arm goes around the wall")
+@pytest.mark.parametrize(("size", "around"), [((0.3, 0.03, 0.4), True), ((0.6, 0.03, 0.6), False)])
+def test_a_detour_is_made_instead_of_a_wide_move_if_it_is_shorter(size: tuple[float, ...], around: bool) -> None:
+    """An ur5 has to pass a wall. Straight it can do so only with its elbow flipped: the tool leaves its line widely."""
+    arm = arm_of("ur5")
+    home = arm.forward(arm.robot.home)
+    poses = [Pose.from_rpy(np.zeros(3), (0.0, 0.0, turn)) @ home for turn in (-0.5, 0.5)]
+    wall = Obstacle("the wall", "box", size, Pose.from_rpy(home.p, (0.0, 0.0, float(np.arctan2(*home.p[1::-1])))))
+    straight, either = (
+        choose_motion(
+            arm, MotionRequest(poses, arm.robot.home, approach=False, detour=detour), CollisionScene(arm, None, [wall])
+        )
+        for detour in (False, True)
+    )
+    assert isinstance(straight, Motion)
+    assert straight.segments[1].wide is not None
+    assert isinstance(either, Motion)
+    assert either.segments[1].kind == (DETOUR if around else STRAIGHT)
+    assert (travel(either) < travel(straight)) == around
 
 
 @pytest.mark.parametrize("end", ["approach", "back"])
