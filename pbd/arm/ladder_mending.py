@@ -33,7 +33,6 @@ class Mending(LinkChecks):
         hand = self.request.hand if kind != LINE else None
         self.moves[i].kind = DEMO if hand else LINE
         link.poses = tuple(hand()[i - 1]) if hand else line(T_base_tool[i - 1], T_base_tool[i])
-        self.ladder.layers[place].wide_cost = 0.0
         self.ladder.reset_moves(place, MEND_AFTER_PATHS, costly=True)
 
     def _detour(self, i: int) -> None:

@@ -397,6 +397,22 @@ def test_a_detour_is_made_instead_of_a_wide_move_if_it_is_shorter(size: tuple[fl
     assert (travel(either) < travel(straight)) == around
 
 
+def test_a_line_between_configurations_half_a_turn_apart_is_tried_last() -> None:
+    """Where whole turns are free, many pairs of configurations differ by them, and no short line joins those."""
+    arm = arm_of("ur5")
+    home = arm.forward(arm.robot.home)
+    poses = [home, Pose(home.p + np.array([0.05, 0.0, 0.0]), home.wxyz)]
+    wide_cost = ladder_checks.WIDE_COST
+    search = motion_module._Search(
+        arm, MotionRequest(poses, arm.robot.home), None, build_ladder(arm, poses, arm.robot.home, None, 12, wide_cost)
+    )
+    search._follow_path(2, LINE)
+    before, layer = search.ladder.layers[1], search.ladder.layers[2]
+    step = before.q[:, None] - layer.q
+    extra, far = layer.length - np.linalg.norm(step, axis=2), np.abs(step).max(axis=2) > np.pi
+    assert extra[far].min() == pytest.approx(extra[~far].max() + wide_cost)
+
+
 @pytest.mark.parametrize("end", ["approach", "back"])
 def test_a_detour_from_home_and_back(end: str) -> None:
     """A wall stands between home and all keyframes, too high for straight moves."""
