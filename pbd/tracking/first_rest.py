@@ -13,14 +13,18 @@ from pbd.pose import Array, lengths
 from pbd.tracking.moving_windows import PASSES, moving_mean_variance, moving_means, rows_of_mean, window_sums
 
 REST_S, SHORT_REST_S = 1.0, 0.5
-"""s: length of the first rest, and of a quiet rest (QUIET_ACC, QUIET_GYR) that serves where none lasts so long: a foot
-that walks stands still for little more than half a second."""
+"""s: length of the first rest, and of a quiet rest (QUIET_ACC, QUIET_GYR) that serves where the hand moves in any
+longer one (QUIET_ENERGY). A foot that walks stands still for little more than half a second."""
 
 QUIET_RATIO = 4.0
 """A second is quiet if its restlessness is at most this many times that of the quietest second."""
 
 QUIET_ACC, QUIET_GYR = 0.08, 0.02
 """Largest rms of a hand that rests on something, m/s2 and rad/s. In the air it trembles more (zero_velocity)."""
+
+QUIET_ENERGY = 10.0
+"""Energy of a window, as a multiple of the first rest's, below which the window is quiet. It is also quiet below the
+energy of a hand that rests on something (QUIET_ACC, QUIET_GYR)."""
 
 WITHOUT_GRAVITY = 0.5
 """Specific force at rest, m/s2, below which gravity seems to have been removed. What remains is a bare part's bias
@@ -82,6 +86,11 @@ class _Calm(NamedTuple):
     gyr: float
     least_acc: float
 
+    @property
+    def restless(self) -> float:
+        """Its `restlessness`."""
+        return float(restlessness(self.acc**2, self.gyr**2))
+
     def is_below(self, acc: float, gyr: float) -> bool:
         return self.acc <= acc and self.gyr <= gyr
 
@@ -101,9 +110,10 @@ def find_rest(recording: Recording, shortest_s: float = SHORT_REST_S) -> Rest:
     """
     gyr = np.zeros_like(recording.acc) if recording.gyr is None else recording.gyr
     calm = _first_calm(recording, gyr, REST_S)
-    if shortest_s < REST_S and not calm.is_below(STILL_ACC, STILL_GYR):
+    if shortest_s < REST_S:
         shorter = _first_calm(recording, gyr, shortest_s)
-        calm = shorter if shorter.is_below(QUIET_ACC, QUIET_GYR) else calm
+        if shorter.is_below(QUIET_ACC, QUIET_GYR) and calm.restless > QUIET_ENERGY * shorter.restless:
+            calm = shorter
     start, stop = calm.start, calm.stop
     acc, gyr = recording.acc[start:stop], gyr[start:stop]
     gravity = float(np.linalg.norm(acc.mean(axis=0)))

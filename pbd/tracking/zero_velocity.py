@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pbd.pose import Array
-from pbd.tracking.first_rest import QUIET_ACC, QUIET_GYR, STILL_ACC, STILL_GYR, Rest
+from pbd.tracking.first_rest import QUIET_ACC, QUIET_ENERGY, QUIET_GYR, STILL_ACC, STILL_GYR, Rest
 from pbd.tracking.moving_windows import (
     PASSES,
     Spans,
@@ -30,10 +30,6 @@ from pbd.tracking.white_noise import white_energy
 
 ENERGY_WINDOW_S = 0.1
 """s: length of the windows over which energies are averaged. Motion is seen up to this much late."""
-
-QUIET_ENERGY = 10.0
-"""Energy of a window, as a multiple of the first rest's, below which the window is quiet. It is also quiet below the
-energy of a hand that rests on something (QUIET_ACC, QUIET_GYR)."""
 
 LULL_SHARE, LULL_S = 0.01, 1.0
 """Energy of a lull, such as a foot's stance, as a share of the largest lasting energy within LULL_S (s) before or

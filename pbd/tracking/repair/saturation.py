@@ -18,11 +18,11 @@ an axis that was later averaged or mixed with others (corrected for misalignment
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from math import lgamma, log
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import bdtrc
 
 from pbd.data import GRAVITY, Recording
 from pbd.errors import amount, warn
@@ -131,9 +131,11 @@ def _clipped_runs(x: Array, sensor: str, new: NDArray[np.bool_]) -> list[tuple[i
         fall = min((top - float(side.min()) for side in sides if len(side)), default=0.0)
         if (CHANCE_STEPS * step / max(fall, step)) ** (samples - 1) < CLIPPED_CHANCE:
             return tops
-    peaks = x[1:-1][(x[1:-1] > x[:-2]) & (x[1:-1] >= x[2:])]
-    high = int(np.count_nonzero(peaks > top - TAIL_STEPS * step))
-    return tops if bdtrc(len(tops) - 2, high - 1, 1.0 / TAIL_STEPS) < CLIPPED_CHANCE else []
+    beside = np.pad(x, 1, constant_values=-np.inf)
+    peaks = x[(x > beside[:-2]) & (x >= beside[2:])]
+    high, others = int(np.count_nonzero(peaks > top - TAIL_STEPS * step)), len(tops) - 1
+    log_ways = lgamma(high) - lgamma(others + 1) - lgamma(high - others)
+    return tops if log_ways - others * log(TAIL_STEPS) < log(CLIPPED_CHANCE) else []
 
 
 def restore(recording: Recording, clips: Sequence[Clip]) -> tuple[Recording, tuple[LostMotion, ...]]:
