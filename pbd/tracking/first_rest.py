@@ -110,7 +110,7 @@ def find_rest(recording: Recording, shortest_s: float = SHORT_REST_S) -> Rest:
     """
     gyr = np.zeros_like(recording.acc) if recording.gyr is None else recording.gyr
     calm = _first_calm(recording, gyr, REST_S)
-    if shortest_s < REST_S:
+    if shortest_s < REST_S and not calm.is_below(QUIET_ACC, QUIET_GYR):
         shorter = _first_calm(recording, gyr, shortest_s)
         if shorter.is_below(QUIET_ACC, QUIET_GYR) and calm.restless > QUIET_ENERGY * shorter.restless:
             calm = shorter
