@@ -62,7 +62,7 @@ def _sampling_interval(t: Array, nominal_hz: float | None) -> tuple[float, bool,
     # The samples of a batch may be stamped one after the other. The longest steps, if they are rare, are gaps.
     begins = steps > WITHIN_BATCH * np.sort(steps)[: int((1.0 - OFF_BEAT) * len(steps))].mean()
     batches = np.diff(np.flatnonzero(begins))
-    if len(batches) > 1 and batches.mean() > LATE_SAMPLES / 2:
+    if batches.mean() > LATE_SAMPLES / 2:
         arrived = t[np.maximum.accumulate(np.arange(len(t)) * np.append(True, begins))]
         return mean if complete else batched_interval(arrived), True, complete
     spans = t[LATE_SAMPLES:] - t[:-LATE_SAMPLES]
@@ -77,7 +77,7 @@ def _stamp_fault(t: Array, interval: float) -> str:
     steps = np.diff(t)
     if (steps < WITHIN_BATCH * interval).mean() > OFF_BEAT:
         return "come in batches"
-    away = np.abs(steps - interval * np.maximum(np.rint(steps / interval), 1.0))
+    away = np.abs(steps - interval * np.rint(steps / interval))
     if (away > OFF_BEAT * interval).mean() <= OFF_BEAT:
         return ""
     tick = _tick(t)
@@ -110,4 +110,4 @@ def batched_interval(t: Array) -> float:
     rows, steps = np.diff(first, append=len(t)), np.diff(t[first])
     largest = np.maximum(rows[:-1], rows[1:])  # of both batches: a time is that of a batch's first or of its last row
     usual = steps < 1.5 * np.median(steps) * np.maximum(largest / np.median(rows), 1.0)
-    return float(steps[usual].sum() / rows[:-1][usual].sum()) if usual.any() else 0.0
+    return float(steps[usual].sum() / rows[:-1][usual].sum())

@@ -148,7 +148,7 @@ def find_rest(recording: Recording, shortest_s: float = SHORT_REST_S) -> Rest:
 
 def _first_calm(recording: Recording, gyr: Array, length_s: float) -> _Calm:
     """The first span of `length_s` that is about as calm as the calmest; `gyr` is (n, 3) rad/s."""
-    length = max(2, min(len(recording), round(length_s * recording.rate_hz)))
+    length = min(len(recording), round(length_s * recording.rate_hz))
     k = rows_of_mean(recording.rate_hz)
     acc_var, gyr_var = (moving_mean_variance(values, length, k) for values in (recording.acc, gyr))
     lasts = recording.t[length - 1 :] - recording.t[: len(acc_var)]

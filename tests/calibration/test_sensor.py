@@ -106,6 +106,14 @@ def test_rests_in_which_coarse_readings_alternate_are_found(rests: Rests, step: 
     assert len(find_rests(simulate(sides(SEED), quiet, SEED).recording)) == len(rests)
 
 
+def test_what_shakes_more_than_its_rounding_is_no_rest() -> None:
+    """Rounded to 0.01 m/s2, which makes three times that of a variance of a twelfth; it shakes by 0.04 m/s2."""
+    acc = np.tile((0.0, 0.0, GRAVITY), (1000, 1))
+    acc[500:, 0] += 0.04 * np.sqrt(2.0) * np.sin(0.5 * np.arange(500))
+    (stop,) = find_rests(Recording(np.arange(1000) / 100.0, 0.01 * np.round(acc / 0.01))).stop
+    assert 450 < stop <= 500
+
+
 def test_rests_that_are_too_short() -> None:
     waypoints = [Waypoint(rest_s=0.7), *(Waypoint((0.1 * (k % 2), 0, 0), (0.5, 0, 0), 0.5, 0.7) for k in range(6))]
     with pytest.raises(CalibrationError, match="never still for 1 s; put it down for two seconds in each orientation"):

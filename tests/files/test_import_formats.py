@@ -82,6 +82,9 @@ def test_xsens_mt_manager(tmp_path: Path) -> None:
     assert untimed.info.source.program == "Xsens MT Manager"
     by_remarks = imported(tmp_path, re.sub(r"\t(SampleTimeFine|5000[12]00)", "", MT_MANAGER))
     np.testing.assert_array_equal(by_remarks.t, untimed.t)  # the remarks have the rate
+    (tmp_path / "ticks.txt").write_text(MT_MANAGER.replace("SampleTimeFine", "Ticks"), encoding="utf-8")
+    named = import_file(tmp_path / "ticks.txt", {"t": "Ticks"}, {"t": "ms"}).recording
+    assert_allclose(named.t, [0.0, 0.1])  # a column that is named has precedence
 
 
 SHIMMER = """"sep=,"

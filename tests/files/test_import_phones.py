@@ -180,7 +180,7 @@ def test_without_metadata_the_sign_of_gravity_is_unknown(tmp_path: Path) -> None
 
 def test_a_zip_holds_one_recording(tmp_path: Path) -> None:
     with zipfile.ZipFile(tmp_path / "w.zip", "w") as archive:
-        archive.writestr("notes.txt", "tea")
+        archive.writestr("notes.csv", "tea")
     with pytest.raises(RecordingError, match="this zip: no recording of Sensor Logger or phyphox is in it"):
         read(tmp_path / "w.zip")
     with zipfile.ZipFile(tmp_path / "w.zip", "a") as archive:

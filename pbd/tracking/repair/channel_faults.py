@@ -103,7 +103,7 @@ def stuck_axes(recording: Recording) -> Iterator[tuple[str, int, int, int]]:
                 part = values[start : last + 1]
                 live = (np.abs(np.diff(part, axis=0)) > ROUNDING).mean(axis=0) >= LIVE_SHARE
                 shown = values[:, live], part[:, live]  # within a move no noise may show
-                if any(_axis_has_noise(column) for columns in shown for column in columns.T):
+                if any(_is_noise(column[:, None]) for columns in shown for column in columns.T):
                     yield name, axis, start, last + 1
 
 
@@ -177,11 +177,6 @@ def refuse_freezes(recording: Recording, v_nav: Array) -> None:
 def _repeats(recording: Recording) -> NDArray[np.bool_]:
     """Whether each row repeats the one before it at a later time, (n - 1,)."""
     return ~row_changes(recording.acc, recording.gyr) & (np.diff(recording.t) > 0.0)
-
-
-def _axis_has_noise(column: Array) -> bool:
-    """Whether an axis (n,) has noise, judged in its calmest rows."""
-    return (np.abs(np.diff(column)) > ROUNDING).mean() >= LIVE_SHARE and _is_noise(column[:, None])
 
 
 def has_noise(acc: Array) -> bool:

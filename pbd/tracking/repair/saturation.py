@@ -122,8 +122,6 @@ def _clipped_runs(x: Array, sensor: str, new: NDArray[np.bool_]) -> list[tuple[i
     tops = runs(x >= top * (1.0 - TOP_TOLERANCE))
     counted = ((start, stop, int(new[start:stop].sum())) for start, stop in tops)
     flat = [each for each in counted if each[2] >= REPEATED_ROWS]
-    if not flat and len(tops) < 2:
-        return []
     between = np.diff(np.unique(x))
     step = max(float(between[between > top * TOP_TOLERANCE].min(initial=np.inf)), top * TOP_TOLERANCE)
     for start, stop, samples in flat:

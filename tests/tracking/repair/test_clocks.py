@@ -143,6 +143,17 @@ def test_arrival_times_of_a_busy_host_are_replaced(mean_ms: float, lost: float) 
     assert np.std(off) < 0.5e-3 * mean_ms
 
 
+@pytest.mark.parametrize(("lasts", "uneven"), [(0.6, False), (0.85, True)])
+def test_delays_that_wander_show_that_the_samples_were_taken_at_uneven_times(lasts: float, uneven: bool) -> None:
+    """A delay keeps this share from sample to sample: its mean square difference is 2 (1 - share) of its variance."""
+    rng, late = np.random.default_rng(0), np.zeros(2000)
+    for k in range(1, 2000):
+        late[k] = lasts * late[k - 1] + np.sqrt(1.0 - lasts**2) * rng.normal()
+    recording = Recording(0.01 * np.arange(2000) + 1e-3 * late, rng.normal(size=(2000, 3)))
+    with nullcontext() if uneven else pytest.warns(PbdWarning, match="jitter; evenly spaced"):
+        assert (steady_clock(recording) is recording.t) == uneven
+
+
 def test_samples_that_wait_once_are_no_gap() -> None:
     """A host is busy for 60 ms in a move: six samples come together, and none is lost."""
     demo = simulate("pour", "modern", 1, rate_hz=100.0)
@@ -192,6 +203,14 @@ def test_lost_samples_stay_lost_where_stamps_are_coarse(step_s: float, rate_hz: 
     off, _ = off_beat(rate_hz, step_s, kept, nominal=False)
     end = round(0.5 * rate_hz)  # nearer to an end, the stamps beyond a lost sample are too few to tell it
     assert (np.abs(off[end:-end]) > 0.6).mean() < 0.02
+
+
+def test_a_sensor_that_is_slower_than_its_nominal_rate_by_more_than_one_in_a_hundred_loses_samples() -> None:
+    kept = np.ones(6000)
+    kept[60:-60:65] = 0.0
+    off, message = off_beat(100.0, 1.0 / 640.0, kept, nominal=True)
+    assert "evenly spaced" in message
+    assert (np.abs(off[60:-60]) > 0.6).mean() < 0.02
 
 
 @pytest.mark.parametrize(("rate_hz", "tick"), [(100.0, 0.016), (150.0, 0.01), (120.0, 0.016), (400.0, 0.01)])

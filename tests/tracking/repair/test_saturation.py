@@ -185,11 +185,13 @@ def test_a_clipped_parabola_is_continued_and_as_unsure_as_the_continuation() -> 
     assert [impulse.row for impulse in lost_motion] == [189 + 5, 212 - 5]
 
 
-@pytest.mark.parametrize(("equal", "clips"), [(3, False), (4, True)])
-def test_impacts_are_clipped_if_four_have_the_same_top(equal: int, clips: bool) -> None:
-    """If the top steps are all as likely, four of four peaks are in the same by one chance in 30^3."""
+@pytest.mark.parametrize(("equal", "lower", "clips"), [(3, 0, False), (4, 0, True), (4, 1, False)])
+def test_impacts_are_clipped_if_four_have_the_same_top(equal: int, lower: int, clips: bool) -> None:
+    """If 30 steps are as likely, four of four are in the top one with a chance of 1 / 30^3, of five with four times it:
+    below and above 1e-4."""
     acc = np.column_stack((0.01 * np.round(10.0 * np.sin(np.arange(400.0))), np.zeros(400), np.full(400, 9.8)))
     acc[50 : 50 + 20 * equal : 20, 0] = 39.2
+    acc[250 : 250 + 20 * lower : 20, 0] = 39.0
     found = clips_of(Recording(0.01 * np.arange(400.0), acc))
     assert [clip.start for clip in found] == [50 + 20 * k for k in range(equal)] * clips
 

@@ -29,7 +29,7 @@ from pbd.tracking.smoother.factors import (
     robust_weights,
     whitener,
 )
-from pbd.tracking.smoother.knots import Problem, _turn_sigma
+from pbd.tracking.smoother.knots import Problem, _turn_sigma, row_noise
 from pbd.tracking.smoother.normal_equations import BAND, STATE, STATE_ACC_BIAS, STATE_GYR_BIAS, NormalEquations, Solved
 from pbd.tracking.smoother.preintegration import GYR_MATRIX, LAG, POS, ROT, VEL, GyroFrame
 from pbd.tracking.smoother.smooth import _initial_state, _large_lag_and_scale
@@ -71,6 +71,20 @@ def test_a_hand_at_rest_may_turn_twice_as_far_as_it_sways_about_a_steady_turn() 
     frame = GyroFrame(t, gyr, unused, unused, unused, unused, unused)
     sigma = _turn_sigma(frame, rows, within, 1e-3)
     assert sigma == pytest.approx([np.hypot(1e-3, 2.0 * sway)] * 2 + [1e-3], rel=1e-3)
+
+
+def test_a_gap_hides_a_move_from_rest_to_rest_and_a_turn() -> None:
+    """A move of `unseen_speed` times its length: the integral of a random walk that is tied to zero at both ends."""
+    problem = known(smoothed(simulate("pour", "modern", 0).recording).solution).problem
+    frame, rest, noise, gap = problem.frame, problem.rest, problem.noise, (20, 29)
+    seen, hidden = (row_noise(frame, rest, noise, gaps, no_gyro=False) for gaps in ([], [gap]))
+    turn, move = (after[0] - before[0] for before, after in zip(seen, hidden, strict=True))
+    lasts = frame.t[29] - frame.t[20]
+    s = np.linspace(0.0, lasts, 501)
+    tied = np.minimum.outer(s, s) - np.outer(s, s) / lasts
+    assert np.sqrt(move[20:30] * tied.mean()) * lasts == pytest.approx(noise.unseen_speed * lasts, rel=0.01)
+    assert np.sqrt(turn[20:30] * lasts) == pytest.approx(noise.unseen_rate * lasts)
+    assert not move[[19, 30]].any()
 
 
 @pytest.mark.parametrize("sensor", ["modern", "os5000-nogyro"])
