@@ -108,6 +108,7 @@ def batched_interval(t: Array) -> float:
     if len(first) < 2:
         return 0.0
     rows, steps = np.diff(first, append=len(t)), np.diff(t[first])
-    largest = np.maximum(rows[:-1], rows[1:])  # of both batches: a time is that of a batch's first or of its last row
-    usual = steps < 1.5 * np.median(steps) * np.maximum(largest / np.median(rows), 1.0)
-    return float(steps[usual].sum() / rows[:-1][usual].sum())
+    # A time is that of a batch's last row, so that the step before a large one is long, or that of its first row: then
+    # the long step after it is left out, with its rows.
+    usual = steps < 1.5 * np.median(steps) * np.maximum(rows[1:] / np.median(rows), 1.0)
+    return float(steps[usual].sum() / rows[:-1][usual].sum()) if usual.any() else 0.0

@@ -237,6 +237,12 @@ def test_a_final_path_is_searched_again_once_released() -> None:
     assert ladder.search(lambda *_: True, free) == [0, 1, 1, 1]
 
 
+def test_no_path_leads_to_what_is_behind_a_barred_layer() -> None:
+    q, no_cost = np.zeros((1, 2)), np.zeros(1)
+    ladder = Ladder([Layer(q, no_cost, MANY), Layer(q, no_cost + np.inf, MANY), Layer(q, no_cost, MANY)], SCALE)
+    assert [ladder.travel(place).tolist() for place in range(3)] == [[0.0], [np.inf], [np.inf]]
+
+
 def test_moves_with_an_additional_cost_are_checked_only_on_the_shortest_path() -> None:
     layers = [Layer(np.zeros((1, 2)), np.zeros(1), 1), Layer(np.array([[0.1, 0.0], [0.2, 0.0]]), np.zeros(2), 1)]
     asked = []

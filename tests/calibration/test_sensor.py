@@ -1,5 +1,6 @@
 """Estimated sensor errors against those that the simulated device was drawn with."""
 
+from contextlib import nullcontext
 from dataclasses import replace
 
 import numpy as np
@@ -98,6 +99,17 @@ def test_a_sensor_that_was_never_still(shake: str, what: str) -> None:
         CalibrationError, match=f"never still: at its quietest .* {what} .*; put it down for two seconds"
     ):
         find_rests(Recording(np.arange(n) / 100.0, trembling["acc"], trembling["gyr"]))
+
+
+@pytest.mark.parametrize(("shake", "most"), [("acc", 0.1), ("gyr", np.radians(1.0))])
+def test_a_table_may_shake_by_a_tenth_of_a_metre_per_second_squared_or_a_degree_per_second(
+    shake: str, most: float
+) -> None:
+    for rms, still in ((0.9 * most, True), (1.1 * most, False)):
+        read = {"acc": np.tile((0.0, 0.0, GRAVITY), (300, 1)), "gyr": np.zeros((300, 3))}
+        read[shake] = read[shake] + rms * np.sqrt(2.0 / 3.0) * np.sin(0.2 * np.pi * np.arange(300))[:, None]
+        with nullcontext() if still else pytest.raises(CalibrationError, match="the sensor was never still: "):
+            assert len(find_rests(Recording(np.arange(300) / 100.0, **read))) == 1
 
 
 @pytest.mark.parametrize("step", [0.04, 0.08])  # m/s2: 4 and 8 mg, of ten bits and of eight over 2 g

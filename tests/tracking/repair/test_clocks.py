@@ -15,6 +15,7 @@ from pbd.errors import PbdWarning, RecordingError
 from pbd.pipeline import track
 from pbd.pose import Array
 from pbd.simulation.simulate import SENSOR_MODELS
+from pbd.timestamps.even_times import batched_interval
 from pbd.tracking.keyframes import find_keyframes
 from pbd.tracking.repair.clock import steady_clock, with_clock
 from pbd.tracking.repair.repair_recording import repair_recording
@@ -181,6 +182,15 @@ def test_samples_that_a_program_reads_now_once_now_twice_are_interpolated(rate_h
     assert min(off) < 0.2 * min(held)
 
 
+@pytest.mark.parametrize("shared_rate_hz", [57.0, 100.0])
+def test_readings_of_a_coarse_sensor_that_stay_for_an_interval_are_samples(shared_rate_hz: float) -> None:
+    """Of 40 Hz, which changes in four of five samples."""
+    t = np.arange(4000) / shared_rate_hz
+    acc = 0.2 * np.round(5.0 * np.sin(np.outer(np.floor(t * 40.0) / 40.0, (3.0, 5.0, 7.0))))
+    with pytest.warns(PbdWarning, match=r"the sensor gives only (39\.\d*|40|40\.\d*) a second"):
+        with_clock(Recording(t, acc))
+
+
 @settings(max_examples=40, deadline=None)
 @given(st.floats(20.0, 400.0), st.sampled_from([1e-3, 5e-3, 1e-2, 1.0 / 64.0]), st.integers(0, 10**6))
 def test_a_known_rate_puts_coarse_stamps_where_they_were(rate_hz: float, step_s: float, seed: int) -> None:
@@ -242,6 +252,20 @@ def test_batches_of_very_different_sizes_lose_nothing() -> None:
     batched = Recording(t[last[np.searchsorted(last, np.arange(len(t)))]], rng.normal(size=(len(t), 3)))
     with pytest.warns(PbdWarning, match="come in batches"):
         assert np.diff(steady_clock(batched)) == pytest.approx(0.01, rel=0.005)
+
+
+@pytest.mark.parametrize("stamped", ["first", "last"])
+def test_a_batchs_time_may_be_that_of_its_first_sample_or_of_its_last(stamped: str) -> None:
+    """Ten or eleven samples, or thirty: most steps are three times as short as others."""
+    end = np.cumsum(np.random.default_rng(0).choice((10, 11, 30), 300))
+    batch = np.searchsorted(end, np.arange(end[-1]), side="right")
+    row = {"first": np.append(0, end[:-1]), "last": end - 1}[stamped]
+    assert batched_interval(0.01 * row[batch]) == pytest.approx(0.01, rel=0.005)
+
+
+def test_a_gap_between_batches_does_not_count() -> None:
+    """At once come ten samples of 100 Hz; 15 are lost."""
+    assert batched_interval(np.repeat((0.0, 0.1, 0.2, 0.45, 0.55, 0.65), 10)) == pytest.approx(0.01)
 
 
 def test_batches_in_ms_are_told_by_their_unit() -> None:
