@@ -118,6 +118,15 @@ def test_rests_in_which_coarse_readings_alternate_are_found(rests: Rests, step: 
     assert len(find_rests(simulate(sides(SEED), quiet, SEED).recording)) == len(rests)
 
 
+@pytest.mark.parametrize(("ratio", "still"), [(2.8, True), (3.2, False)])
+def test_what_shakes_three_times_as_much_as_the_quietest_half_second_is_no_rest(ratio: float, still: bool) -> None:
+    acc = np.tile((0.0, 0.0, GRAVITY), (1000, 1))
+    shake = 0.025 * np.sqrt(2.0) * np.sin(0.63 * np.arange(1000))
+    acc[:, 0] += np.where(np.arange(1000) < 500, shake, ratio * shake)
+    (stop,) = find_rests(Recording(np.arange(1000) / 100.0, acc)).stop
+    assert (stop > 900) == still
+
+
 def test_what_shakes_more_than_its_rounding_is_no_rest() -> None:
     """Rounded to 0.01 m/s2, which makes three times that of a variance of a twelfth; it shakes by 0.04 m/s2."""
     acc = np.tile((0.0, 0.0, GRAVITY), (1000, 1))

@@ -254,6 +254,14 @@ def test_batches_of_very_different_sizes_lose_nothing() -> None:
         assert np.diff(steady_clock(batched)) == pytest.approx(0.01, rel=0.005)
 
 
+@pytest.mark.filterwarnings("ignore:the time stamps come in batches")
+def test_more_than_half_of_the_samples_may_come_at_once() -> None:
+    t = 0.01 * np.arange(1200)
+    t[400:1100] = t[1100]
+    steps = np.diff(steady_clock(Recording(t, np.random.default_rng(0).normal(size=(len(t), 3)))))
+    assert 0.009 < steps.min() <= steps.max() < 0.012
+
+
 @pytest.mark.parametrize("stamped", ["first", "last"])
 def test_a_batchs_time_may_be_that_of_its_first_sample_or_of_its_last(stamped: str) -> None:
     """Ten or eleven samples, or thirty: most steps are three times as short as others."""
