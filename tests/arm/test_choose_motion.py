@@ -376,6 +376,20 @@ def test_a_detour_is_searched_for_before_distant_configurations() -> None:
     assert travel(found) < 8.0
 
 
+@pytest.mark.filterwarnings("ignore:from 1 to 2 ")
+def test_a_line_is_made_instead_of_a_wide_move_where_nothing_is_in_the_way() -> None:
+    arm = arm_of("ur5")
+    at = (-1.4, -1.0, 2.4, -1.0, -1.0, -1.7), (0.6, -2.9, 2.0, -2.0, -0.7, -1.7), (-1.2, -1.4, 1.8, -0.9, -1.8, -0.6)
+    poses = [arm.forward(arm.robot.home), *(arm.forward(np.array(q)) for q in at)]
+    found = choose_motion(arm, MotionRequest(poses, arm.robot.home, approach=False), None)
+    assert isinstance(found, Motion)
+    assert kinds(found) == [STRAIGHT, STRAIGHT, LINE, STRAIGHT]
+    assert found.segments[2].wide is not None
+    way = poses[2].p - poses[1].p
+    beside = [np.cross(arm.forward(q).p - poses[1].p, way / np.linalg.norm(way)) for q in found.segments[2].q]
+    assert np.linalg.norm(beside, axis=1).max() < 1e-3
+
+
 @pytest.mark.filterwarnings("ignore:from 0 to 1 the arm goes around the wall")
 @pytest.mark.parametrize(("size", "around"), [((0.3, 0.03, 0.4), True), ((0.6, 0.03, 0.6), False)])
 def test_a_detour_is_made_instead_of_a_wide_move_if_it_is_shorter(size: tuple[float, ...], around: bool) -> None:
