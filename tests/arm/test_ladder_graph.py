@@ -243,6 +243,13 @@ def test_no_path_leads_to_what_is_behind_a_barred_layer() -> None:
     assert [ladder.travel(place).tolist() for place in range(3)] == [[0.0], [np.inf], [np.inf]]
 
 
+def test_unchecked_moves_may_become_dearer_after_a_search() -> None:
+    ladder = Ladder([Layer(np.zeros((1, 2)), np.zeros(1), MANY) for _ in range(2)], SCALE)
+    before = ladder.travel(1).copy()
+    ladder.set_unchecked_cost(1, ladder.layers[1].unchecked_cost + 5.0)
+    assert ladder.travel(1) == pytest.approx(before + 5.0)
+
+
 def test_moves_with_an_additional_cost_are_checked_only_on_the_shortest_path() -> None:
     layers = [Layer(np.zeros((1, 2)), np.zeros(1), 1), Layer(np.array([[0.1, 0.0], [0.2, 0.0]]), np.zeros(2), 1)]
     asked = []

@@ -87,7 +87,7 @@ def find_steady(acc: Array, gyr: Array, rate_hz: float) -> Steady:
     """
     calm, half = max(2, round(SHORT_REST_S * rate_hz)), max(1, round(0.5 * STEADY_S * rate_hz))
     none = Steady(np.zeros(0, dtype=np.intp), np.zeros((0, 3)), np.zeros(0), np.zeros(3))
-    if len(acc) < max(calm, 2 * half):
+    if len(acc) < calm:
         return none
     variance, mean = window_moments(acc, calm)
     # Mean square of the rate, not its variance: in a turn about the vertical the accelerometer is as quiet as at rest.

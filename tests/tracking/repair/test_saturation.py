@@ -196,6 +196,18 @@ def test_impacts_are_clipped_if_four_have_the_same_top(equal: int, lower: int, c
     assert [clip.start for clip in found] == [50 + 20 * k for k in range(equal)] * clips
 
 
+@pytest.mark.parametrize(("first", "beside"), [(0, 10), (390, 389)])
+def test_a_clip_at_an_end_of_the_recording_is_left_as_it_is_and_unsure(first: int, beside: int) -> None:
+    acc = 0.01 * np.round(10.0 * np.sin(np.arange(1200.0).reshape(400, 3))) + (0.0, 0.0, 9.8)
+    acc[first : first + 10, 0] = 39.2
+    recording = Recording(0.01 * np.arange(400.0), acc)
+    restored, lost = restore(recording, clips_of(recording))
+    np.testing.assert_array_equal(restored.acc, acc)
+    assert np.sqrt(sum(each.acc @ each.acc for each in lost)) == pytest.approx(
+        0.01 * (0.1 * 39.2 * 10 + 39.2 - acc[beside, 0])
+    )
+
+
 def test_equal_tops_among_many_as_high_ones_are_no_clips() -> None:
     acc = np.column_stack((np.zeros(400), np.zeros(400), np.full(400, 9.8)))
     acc[20:380:5, 0] = 39.0 + 0.01 * (np.arange(72) % 20)  # four in each of twenty steps
