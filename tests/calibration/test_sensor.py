@@ -109,7 +109,7 @@ def test_a_table_may_shake_by_a_tenth_of_a_metre_per_second_squared_or_a_degree_
         read = {"acc": np.tile((0.0, 0.0, GRAVITY), (300, 1)), "gyr": np.zeros((300, 3))}
         read[shake] = read[shake] + rms * np.sqrt(2.0 / 3.0) * np.sin(0.2 * np.pi * np.arange(300))[:, None]
         with nullcontext() if still else pytest.raises(CalibrationError, match="the sensor was never still: "):
-            assert len(find_rests(Recording(np.arange(300) / 100.0, **read))) == 1
+            assert len(find_rests(Recording(np.arange(300) / 100.0, read["acc"], read["gyr"]))) == 1
 
 
 @pytest.mark.parametrize("step", [0.04, 0.08])  # m/s2: 4 and 8 mg, of ten bits and of eight over 2 g

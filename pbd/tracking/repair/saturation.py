@@ -116,6 +116,8 @@ def clips_of(recording: Recording) -> tuple[Clip, ...]:
 
 def _clipped_runs(x: Array, sensor: str, new: NDArray[np.bool_]) -> list[tuple[int, int]]:
     """Runs in which x (n,) is clipped at its largest value. `new` (n,): the sensor's readings do not repeat."""
+    from scipy.special import bdtrc
+
     top = float(x.max())
     if top < LEAST_RANGE[sensor]:
         return []
