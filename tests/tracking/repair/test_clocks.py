@@ -256,7 +256,7 @@ def test_batches_of_very_different_sizes_lose_nothing() -> None:
 
 @pytest.mark.filterwarnings("ignore:the time stamps come in batches")
 def test_more_than_half_of_the_samples_may_come_at_once() -> None:
-    t: Array = 0.01 * np.arange(1200)
+    t = np.arange(1200.0) / 100.0
     t[400:1100] = t[1100]
     steps = np.diff(steady_clock(Recording(t, np.random.default_rng(0).normal(size=(len(t), 3)))))
     assert 0.009 < steps.min() <= steps.max() < 0.012
