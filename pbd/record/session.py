@@ -24,6 +24,7 @@ from pbd.record.session_types import (
 )
 from pbd.sensors.decoding import Decoder, Sample
 from pbd.timestamps.sample_clock import SampleClock
+from pbd.tracking.online.tracker import LiveTracker
 from pbd.tracking.taps import TapDetector
 
 CHANNELS_AFTER_S = 0.2
@@ -50,7 +51,6 @@ class Session:
         self.feedback = Feedback(options.tolerance_m, options.errors, options.sensor)
         self.demo: RecordingWriter | None = None
         self.t = 0.0
-        self.samples = 0
         self.closed = False
         self.discarded = False
         self.first_bytes = b""
@@ -66,12 +66,9 @@ class Session:
 
     def take(self, data: bytes, arrival: float) -> None:
         """Decode bytes that arrived at `arrival` s; stamp and store their samples."""
-        piece = [sample for sample in self.decoder.feed(data) if sample.acc is not None]
-        for k, decoded in enumerate(piece, 1):
-            for t, sample in self._clock.take(decoded, decoded.t_device, arrival, len(piece) - k):
-                self.t = t
-                self.samples += 1
-                self._new.append((t, sample))
+        for decoded in self.decoder.feed(data):
+            if decoded.acc is not None:
+                self._add(self._clock.take(decoded, decoded.t_device, arrival))
         while self._presses < self.decoder.tally.presses:
             self._presses += 1
             self.grip()
@@ -81,6 +78,15 @@ class Session:
             self.begin()
         if self.options.raw:
             self._raw += data
+
+    def _add(self, stamped: list[tuple[float, Sample]]) -> None:
+        self._new += stamped
+        self.t = stamped[-1][0] if stamped else self.t
+
+    @property
+    def samples(self) -> int:
+        """Number of samples that came and count."""
+        return len(self._clock.times)
 
     @property
     def decodable(self) -> bool:
@@ -147,10 +153,13 @@ class Session:
 
     def begin(self) -> None:
         """Begin with the samples so far, unless it has begun, was discarded, or nothing can be decoded."""
+        if self.demo is None:
+            self._add(self._clock.release())
         if self.demo is not None or self.discarded or not self.decodable:
             return
         channels = self._new_recording().channels
         options = self.options
+        self.feedback.tracker = LiveTracker(options.sensor, straightened=not self._clock.is_device)
         info = RecordingInfo(sensor=options.sensor, created=options.created, clock=self._clock_name)
         if options.force:
             self.backup = set_aside(options.folder)
@@ -165,6 +174,7 @@ class Session:
 
     def close(self) -> None:
         """Write the rest, and what is known at the end only: the rate, and times fitted to the whole recording."""
+        self._add(self._clock.release())
         self._clock.count()
         if self.demo is None or self.discarded:
             return

@@ -78,7 +78,7 @@ def _stamp_fault(t: Array, interval: float) -> str:
     if (steps < WITHIN_BATCH * interval).mean() > OFF_BEAT:
         return "come in batches"
     away = np.abs(steps - interval * np.rint(steps / interval))
-    if (away > OFF_BEAT * interval).mean() <= OFF_BEAT:
+    if (away > OFF_BEAT * interval).sum() < max(OFF_BEAT * len(steps), FEWEST_STEPS):
         return ""
     tick = _tick(t)
     explained = (away > tick).mean() <= OFF_BEAT

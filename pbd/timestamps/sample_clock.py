@@ -4,28 +4,18 @@ A device's time is accepted while its steps are regular. After a jump the next s
 new time, the device restarted. If it does not, the jump was a corrupted digit (some protocols have no checksum), and
 that sample is left out.
 
-A sample without a device's time has its time of arrival, which `straighten` corrects.
+A sample without a device's time has its time of arrival, which `Stamper` corrects, and at the end `straighten`.
 """
 
 import time
 from collections import deque
-from collections.abc import Sequence
 from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
 
 from pbd.pose import Array
-from pbd.timestamps.straighten import LONGEST_BURST_S, LOST_SHARE, straighten
-
-MEAN_SAMPLES = 2000
-"""Number of samples over which the interval of live stamps is averaged."""
-
-SETTLE_S = 1.0
-"""Time constant, s, with which live stamps correct their remaining delay, the effect of the interval's error. It must
-exceed LONGEST_BURST_S, over which the delay is measured: otherwise the stamps oscillate."""
-
-SHORTEST_STEP_S = 1e-5
-"""Smallest step between live stamps, s."""
+from pbd.timestamps.stamper import Stamper
+from pbd.timestamps.straighten import LOST_SHARE, straighten
 
 BELIEVED_STEP_S, BELIEVED_STEPS = 0.1, 3.0
 """Largest accepted step of a device's time: s, until its usual step is known; then a multiple of the usual step."""
@@ -73,7 +63,8 @@ class SampleClock(Generic[T]):
         self.times: list[float] = []
         self.doubted = self.lost = 0
         self.straightened: Array | None = None
-        self._stamper: Stamper | None = None
+        self._stamper: Stamper[T] | None = None
+        self._first: float | None = None  # first time of the stamper, s
         self._zero, self._usual = 0.0, usual_s
         self._last: _Reading[T] | None = None
         self._before: _Reading[T] | None = None
@@ -87,18 +78,17 @@ class SampleClock(Generic[T]):
         """Whether the device has a clock."""
         return self._last is not None
 
-    def take(self, sample: T, t_device: float | None, arrival: float, after: int = 0) -> list[tuple[float, T]]:
+    def take(self, sample: T, t_device: float | None, arrival: float) -> list[tuple[float, T]]:
         """Add the next sample; return (time, sample) of each sample whose time is now known.
 
         Args:
             t_device: s on the device's clock; None if the sample has no time.
             arrival: s on the host's clock.
-            after: how many samples came after it in the same piece.
         """
         if self._last is None and (self._stamper or t_device is None):
             self._stamper = self._stamper or Stamper()
             self.times.append(arrival)
-            return [(self._stamper.stamp(arrival, after), sample)]
+            return self._since_first(self._stamper.stamp(sample, arrival))
         if t_device is None:  # the packet with its time was lost
             self.doubted += 1
             return []
@@ -121,6 +111,15 @@ class SampleClock(Generic[T]):
             elapsed = max(doubt.arrival - last.arrival, self._usual)
             self._zero += doubt.t_device - last.t_device - elapsed
         return [self._accept(doubt), self._accept(now)]
+
+    def release(self) -> list[tuple[float, T]]:
+        """Return (time, sample) of each sample that arrived and whose time is not known well yet."""
+        return [] if self._stamper is None else self._since_first(self._stamper.release())
+
+    def _since_first(self, stamped: list[tuple[float, T]]) -> list[tuple[float, T]]:
+        if stamped and self._first is None:
+            self._first = stamped[0][0]
+        return [(t - (self._first or 0.0), sample) for t, sample in stamped]
 
     def count(self, now_and_then: bool = False) -> None:
         """Count the lost samples; `now_and_then`: only if the next count is due. Slow counts are made less often."""
@@ -154,52 +153,6 @@ class SampleClock(Generic[T]):
         self._before, self._last, self._doubt = self._last, now, None
         self.times.append(now.t_device - self._zero)
         return self.times[-1], now.sample
-
-
-class Stamper:
-    """Stamps samples as they arrive, for the screen and the file. At the end `straighten` gives better times."""
-
-    def __init__(self, even: Sequence[float] = ()) -> None:
-        """Start; `even` are straightened times, s, of earlier samples, which were not delayed: the line goes on."""
-        self._t, self._count = 0.0, 0
-        self._is_on_line = len(even) > 1
-        self._pieces: deque[tuple[float, int]] = deque(maxlen=MEAN_SAMPLES + 1)
-        """For each sample the arrival of its piece, and the number of that piece's last sample, which did not wait."""
-        self._behind: deque[tuple[float, float, int]] = deque()
-        """Pieces of the last LONGEST_BURST_S with their delays, which rise, so that the first is the least."""
-        for t in even:
-            self.stamp(t)
-
-    def stamp(self, arrival: float, after: int = 0) -> float:
-        """Return the time of the next sample, s since the first.
-
-        Args:
-            arrival: s on the host's clock.
-            after: how many samples came after it in the same piece. It has waited for them.
-        """
-        last = self._count + after
-        self._count += 1
-        self._pieces.append((arrival, last))
-        begun, first = self._pieces[0]
-        if last == first:  # the first piece does not tell the interval
-            self._first = arrival, last
-            self._t += SHORTEST_STEP_S if self._count > 1 else 0.0
-            return self._t
-        # Where the first piece was not delayed, the least delayed one tells the interval best.
-        on_time, _, until = self._behind[0] if self._behind and self._is_on_line else (arrival, 0.0, last)
-        interval = max((on_time - begun) / (until - first), SHORTEST_STEP_S)
-        delay = arrival - self._first[0] - interval * (after - self._first[1]) - (self._t + interval)
-        while self._behind and self._behind[-1][1] >= delay:
-            self._behind.pop()
-        self._behind.append((arrival, delay, last))
-        while arrival - self._behind[0][0] > LONGEST_BURST_S:
-            self._behind.popleft()
-        late = self._behind[0][1]
-        lost = max(late / interval + 1.0 - LOST_SHARE, 0.0) // 1.0
-        if lost:
-            self._behind.clear()
-        self._t += max(interval * (1.0 + lost) + interval / SETTLE_S * (late - lost * interval), SHORTEST_STEP_S)
-        return self._t
 
 
 def missing(t: Array) -> int:

@@ -5,6 +5,8 @@ true times lie on a line below the arrivals, one interval per sample. After a lo
 line by one interval more. If the least delayed leave it slowly, the rate changed: times follow them.
 """
 
+from itertools import pairwise
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -24,14 +26,24 @@ LOSS_SCATTERS = 5.0
 If delays are exponential, this distance is the least delay's standard deviation; without a loss, the least delays of
 two bursts then differ by more in one of 150 cases."""
 
+FIRST_SPANS = (1, 2, 4, 8)
+"""Distances, in blocks, of those that are compared for the first estimate."""
+
+LITTLE_JITTER, USUAL_SHARE = 0.1, 0.9
+"""The steps from one batch to the next tell the interval if a larger share than USUAL_SHARE of them deviate by less
+than LITTLE_JITTER intervals of batches."""
+
 LOSS_RISE_S = 0.1
 """Time, s, in which the least delay rises to its full value after a loss."""
 
 BLOCK_SAMPLES = 64
 """Samples per block. The line below the arrivals is fitted to the least delayed sample of each block."""
 
-FIRST_SPAN_SAMPLES = 128
-"""Largest distance, in samples, of the pairs that give the first estimate of the interval: few of them span a loss."""
+FIRST_BLOCK_SAMPLES = 16
+"""Samples per block for the first estimate of the interval: between most blocks and the next no sample is lost."""
+
+FEWEST_BLOCKS = 8
+"""Fewest blocks that tell the slope by their least delayed samples."""
 
 LEAST_DRIFT_S, DRIFT_JITTERS = 0.02, 4.0
 """The rate changes only if the least delays of blocks of LONGEST_BURST_S range over this, s, and over this many times
@@ -66,7 +78,7 @@ def straighten(arrival: Array, burst_s: float = LONGEST_BURST_S, complete: bool 
     k = np.arange(n, dtype=np.float64)
     sizes = np.sort(np.diff(ends, prepend=-1))
     batch = int(sizes[np.searchsorted(np.cumsum(sizes), 0.5 * sizes.sum())])  # that of the median sample
-    interval = _slope(k[ends], arrival[ends], min(len(ends) // 2, max(FIRST_SPAN_SAMPLES // batch, 1)))
+    interval = first_slope(k[ends], arrival[ends], batch)
     lost, drift = np.zeros(n), np.zeros(n)
     for _ in range(DRIFT_ROUNDS):
         burst = max(round(burst_s / interval), BURST_BATCHES * batch, 2)
@@ -127,14 +139,66 @@ def _lost_before(delay: Array, interval: float, ahead: int, ends: NDArray[np.int
     return np.asarray(np.cumsum(lost))
 
 
+def first_slope(k: Array, arrival: Array, batch: int) -> float:
+    """Return the slope of the line below the ends of batches, before losses are counted.
+
+    It is that between the ends, or between the least delayed of blocks of them, where none was lost between. The better
+    it is known, the further apart may the blocks be that show it. Among few ends that jitter, the hull tells it better.
+
+    Args:
+        k: (n,) number of the sample that ends the batch; lost ones don't count.
+        arrival: (n,) s.
+        batch: usual number of samples.
+    """
+    block = max(FIRST_BLOCK_SAMPLES // batch, 1)
+    slope = median_slope(k, arrival, 1)
+    off = np.abs(np.diff(arrival) - slope * np.diff(k))
+    if (off < LITTLE_JITTER * slope * batch).mean() > USUAL_SHARE:
+        slope = _slope_without_loss(k, arrival, slope, batch, 1)
+    elif len(k) < FEWEST_BLOCKS * block:
+        return _slope_of_hull(k, arrival)
+    else:
+        rows = _least_delayed(k, arrival, median_slope(k, arrival, block), block)
+        slope = median_slope(k[rows], arrival[rows], 1)
+    rows = _least_delayed(k, arrival, slope, block)
+    for span in FIRST_SPANS:
+        slope = _slope_without_loss(k[rows], arrival[rows], slope, batch, span)
+    return slope
+
+
+def _slope_without_loss(k: Array, arrival: Array, slope: float, batch: int, span: int) -> float:
+    """Improve the slope by the pairs that are `span` rows apart and between which no sample was lost.
+
+    The loss of one sample shows if a batch is one sample; else the sizes of two batches may differ.
+    """
+    samples, lasts = k[span:] - k[:-span], arrival[span:] - arrival[:-span]
+    whole = np.abs(lasts - slope * samples) < 0.5 * slope * batch
+    return float(lasts[whole].sum() / samples[whole].sum()) if whole.any() else slope
+
+
+def _slope_of_hull(k: Array, arrival: Array) -> float:
+    """Return the slope of the line that touches the arrivals from below, in the middle of their convex hull."""
+    hull: list[tuple[float, float]] = []
+    for x, y in zip(k.tolist(), arrival.tolist(), strict=True):
+        while len(hull) > 1 and (y - hull[-1][1]) * (x - hull[-2][0]) <= (y - hull[-2][1]) * (x - hull[-1][0]):
+            hull.pop()
+        hull.append((x, y))
+    middle = 0.5 * (k[0] + k[-1])
+    return next((end[1] - begin[1]) / (end[0] - begin[0]) for begin, end in pairwise(hull) if end[0] >= middle)
+
+
 def _slope_below(k: Array, arrival: Array, block: int) -> float:
     """Return the slope of the line below the arrivals: a robust fit to the least delayed sample of each block."""
-    slope = _slope(k, arrival, len(k) // 2)
+    slope = median_slope(k, arrival, len(k) // 2)
+    rows = _least_delayed(k, arrival, slope, block)
+    return median_slope(k[rows], arrival[rows], len(rows) // 2) if len(rows) >= FEWEST_BLOCKS else slope
+
+
+def _least_delayed(k: Array, arrival: Array, slope: float, block: int) -> list[int]:
     delay = arrival - slope * k
-    rows = [start + int(np.argmin(delay[start : start + block])) for start in range(0, len(delay), block)]
-    return _slope(k[rows], arrival[rows], len(rows) // 2) if len(rows) >= 8 else slope
+    return [start + int(np.argmin(delay[start : start + block])) for start in range(0, len(delay), block)]
 
 
-def _slope(k: Array, arrival: Array, span: int) -> float:
+def median_slope(k: Array, arrival: Array, span: int) -> float:
     """Return the median slope of the pairs that are `span` rows apart, as in Theil and Sen's estimator."""
     return float(np.median((arrival[span:] - arrival[:-span]) / (k[span:] - k[:-span])))

@@ -1,13 +1,16 @@
 """Make regular samples of the rows that a port delivers: leave out bad rows, fill gaps."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import zip_longest
+from typing import NamedTuple
 
 import numpy as np
 
 from pbd.pose import Array
-from pbd.timestamps.sample_clock import Stamper
-from pbd.tracking.repair.clock import CLOCK_JUMP_S
+from pbd.timestamps.even_times import even_times
+from pbd.timestamps.stamper import Stamper
+from pbd.tracking.first_rest import REST_S
+from pbd.tracking.repair.clock import CLOCK_JUMP_S, replaced
 from pbd.tracking.repair.gaps import BRIDGED_S
 from pbd.tracking.repair.units import LARGEST_READING
 
@@ -16,6 +19,10 @@ GAP_ACC, GAP_RATE = 2.0, 1.0
 
 INCOMPLETE_S = 2.0
 """Rows that lack numbers for longer than this, s, are reported: the hand is not tracked meanwhile. A choice."""
+
+JUDGED_ROWS = 128
+"""Number of rows by which it is judged anew whether their times jitter, as a link may begin to later. It is above
+FEW_DELAYS of `even_times`, so that samples taken at uneven times are told from jitter."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,62 +50,118 @@ class Sample:
     gap_noise: tuple[float, float] = (0.0, 0.0)
 
 
+class _Row(NamedTuple):
+    """A row as fed: its number and what it has, (3,) each, or None."""
+
+    number: int
+    acc: Array | None
+    gyr: Array | None
+    mag: Array | None
+    device_rpy: Array | None
+
+
 class SampleRepair:
     """Leaves out bad rows and fills gaps, as `repair_recording` does in a whole recording.
 
     A row with a missing number counts as lost. Gaps of up to 50 ms are interpolated. Samples that fill a longer gap are
-    marked as unseen. Times are those of the rows until `begin` knows whether they jitter.
+    marked as unseen. Rows are held back until those of a second show whether their times jitter. If they do, or begin
+    to, `Stamper` gives the times from then on.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, *, straightened: bool = False) -> None:
+        """Begin; `straightened` as for `LiveTracker`."""
+        self._straightened = straightened
+        self._stamper: Stamper[_Row] | None = None
+        self._times: list[float] = []  # of the latest rows, s, by which it is judged whether times jitter
+        self._held: list[_Row] = []  # until it is judged for the first time
         self._interval: float | None = None
-        self._row = -1
-        self._t = -np.inf  # s, of the last row, as fed
-        self._stamper: Stamper | None = None
-        self._first_t = 0.0  # s, of the stamper's first sample
+        self._count = 0
+        self._row = _Row(-1, None, None, None, None)  # the latest
+        self._t = self._given_t = np.nan  # s, of the latest row: as fed, and as it was given to `_sample`
+        self._late = 0.0  # s, by how much times that jittered were late before they were straightened
         self._last: Sample | None = None
         self._clock_wrong = False
         self._incomplete = False
 
-    def begin(self, samples: Sequence[Sample], *, jitter: bool) -> None:
-        """From now on fill gaps, with the interval of these samples; if the rows' times jitter, continue theirs."""
-        self._interval = float(np.median(np.diff([sample.t for sample in samples])))
-        if jitter:
-            self._stamper = Stamper([sample.t for sample in samples])
-            self._first_t, self._last = samples[0].t, samples[-1]
+    def begin(self, interval: float) -> None:
+        """From now on fill gaps, with this sampling interval, s."""
+        self._interval = interval
 
     def take(
         self, t: float, acc: Array | None, gyr: Array | None, mag: Array | None, device_rpy: Array | None
-    ) -> tuple[list[Sample], str]:
-        """Take the next row; return the samples that it gives, and its fault in words (or "")."""
-        self._row += 1
+    ) -> tuple[list[Sample], list[str]]:
+        """Take the next row; return the samples that are known now, and what is wrong, in words."""
+        number, self._count = self._count, self._count + 1
         if not np.isfinite(t):
-            return [], f"the time of row {self._row} is not a number; the row is left out"
-        last = self._last
-        if last is not None and (t < self._t or t - self._t > CLOCK_JUMP_S):
+            return [], [f"the time of row {number} is not a number; the row is left out"]
+        if t < self._t or t - self._t > CLOCK_JUMP_S:
             was_wrong, self._clock_wrong = self._clock_wrong, True
             what = "runs backwards" if t < self._t else "jumps"
             message = (
-                f"time {what} from {self._t:.3f} s to {t:.3f} s (row {self._row}); rows are left out until it is at "
+                f"time {what} from {self._t:.3f} s to {t:.3f} s (row {number}); rows are left out until it is at "
                 f"{self._t:.3f} s again; if it never is, start again"
             )
-            return [], "" if was_wrong else message
+            return [], [] if was_wrong else [message]
         self._clock_wrong = False
-        if last is not None and t == self._t and (self._is_timed or _repeats(last, acc, gyr)):
-            return [], ""
+        before, self._row = self._row, _Row(number, acc, gyr, mag, device_rpy)
+        if t == self._t and _repeats(before, self._row):
+            return [], []
         self._t = t
-        if self._stamper is not None:
-            t = self._first_t + self._stamper.stamp(t)
+        samples: list[Sample] = []
+        stamped, faults = self._stamp(t, self._row)
+        for at, row in stamped:
+            more, wrong = self._sample(at, row)
+            samples += more
+            faults += wrong
+        return samples, faults
+
+    def _stamp(self, t: float, row: _Row) -> tuple[list[tuple[float, _Row]], list[str]]:
+        """Take the next row, of t s; return (time in s, row) of those whose time is known now, and what is wrong."""
+        stamped: list[tuple[float, _Row]] = []
+        faults: list[str] = []
+        if not self._straightened:
+            is_first = np.isnan(self._given_t)
+            if self._times and (t - self._times[0] >= REST_S if is_first else len(self._times) == JUDGED_ROWS):
+                stamped, faults = self._judge()
+                is_first = False
+            if not self._straightened:
+                self._times.append(t)
+            if is_first:
+                self._held.append(row)
+                return [], []
+        stamped += [(t, row)] if self._stamper is None else self._stamper.stamp(row, t)
+        return stamped, faults
+
+    def _judge(self) -> tuple[list[tuple[float, _Row]], list[str]]:
+        """If the latest rows' times jitter, straighten these and all that follow."""
+        even, fault = even_times(np.array(self._times))
+        times, self._times = self._times, []
+        held, self._held = self._held, []
+        if not fault:
+            return list(zip(times, held, strict=False)), []
+        self._straightened, self._stamper = True, Stamper()
+        stamped = [each for t, row in zip_longest(times, held) for each in self._stamper.stamp(row, t)]
+        if not held:  # each has its time already, and was late by up to so much
+            stamped += self._stamper.release()
+            self._late = max(t - at for t, (at, _) in zip(times, stamped, strict=True))
+        return stamped if held else [], [replaced(fault, even)]
+
+    def _sample(self, t: float, row: _Row) -> tuple[list[Sample], list[str]]:
+        """The samples that a row gives at t s, and what is wrong."""
+        if t <= self._given_t:  # two samples can't have the same time; straightened times may begin earlier
+            return [], []
+        self._given_t = t
+        last, (number, acc, gyr, mag, device_rpy) = self._last, row
         motion = {"acc": acc, **({"device_rpy": device_rpy} if gyr is None else {"gyr": gyr})}
         if lost := [name for name, values in motion.items() if not _known(values)]:
             if self._incomplete or last is None or t - last.t < INCOMPLETE_S:
-                return [], ""
+                return [], []
             self._incomplete = True
             what = f"the rows since {last.t:.3f} s lack numbers in {' and '.join(lost)}"
-            return [], f"{what}; the hand is not tracked until they come again"
+            return [], [f"{what}; the hand is not tracked until they come again"]
         self._incomplete = False
         sample = Sample(
-            self._row,
+            number,
             t,
             np.array(acc, dtype=np.float64),
             np.zeros(3) if gyr is None else np.array(gyr),
@@ -107,27 +170,23 @@ class SampleRepair:
         )
         self._last = sample
         if last is None or self._interval is None:
-            return [sample], ""
+            return [sample], []
         return self._bridged(last, sample, self._interval)
 
-    @property
-    def _is_timed(self) -> bool:
-        """Whether each row's own time is its sample's, so that rows of one time can't be two samples."""
-        return self._interval is not None and self._stamper is None
-
-    def _bridged(self, last: Sample, sample: Sample, interval: float) -> tuple[list[Sample], str]:
+    def _bridged(self, last: Sample, sample: Sample, interval: float) -> tuple[list[Sample], list[str]]:
         lasts = sample.t - last.t
         steps = max(round(lasts / interval), 1)
-        if steps == 1:
-            return [sample], ""
+        late, self._late = self._late, 0.0
+        if steps == 1 and not late:
+            return [sample], []
         missing_s = lasts - interval
         unseen = missing_s > BRIDGED_S + 1e-6
-        # In a short gap the motion is between its neighbours'; in a long gap a hand may do anything. In straightened
-        # times a gap is noticed late, so the motion in it is as unknown.
+        # In a short gap the motion is between its neighbours'; in a long gap a hand may do anything. Among straightened
+        # times the place of a short gap is not known well, so the motion in it is as unknown.
         turn, push = (float(((b - a) ** 2).sum()) / 12.0 for a, b in ((last.gyr, sample.gyr), (last.acc, sample.acc)))
-        if unseen or self._stamper is not None:
+        if unseen or self._straightened:
             turn, push = GAP_RATE**2, GAP_ACC**2
-        sample = replace(sample, gap_noise=(turn * lasts, push * lasts))
+        sample = replace(sample, gap_noise=(turn * (lasts + late), push * (lasts + late)))
         put_back = [
             replace(
                 sample,
@@ -144,11 +203,11 @@ class SampleRepair:
             f"{1e3 * missing_s:.0f} ms of data are missing before row {sample.row} (t = {sample.t:.2f} s): if the hand "
             "moved, record again"
         )
-        return [*put_back, sample], wrong if unseen else ""
+        return [*put_back, sample], [wrong] if unseen else []
 
 
-def _repeats(last: Sample, acc: Array | None, gyr: Array | None) -> bool:
-    return np.array_equal(last.acc, acc) and (gyr is None or np.array_equal(last.gyr, gyr))  # type: ignore[arg-type]
+def _repeats(before: _Row, row: _Row) -> bool:
+    return np.array_equal(before.acc, row.acc) and np.array_equal(before.gyr, row.gyr)  # type: ignore[arg-type]
 
 
 def _known(values: Array | None) -> bool:

@@ -2,13 +2,12 @@
 
 from collections import deque
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from pbd.data import Keyframe, Recording, RecordingInfo, Stop
-from pbd.errors import PbdError, TrackingError, WrongTypeError, collected_warnings
+from pbd.errors import PbdError, TrackingError, WrongTypeError
 from pbd.frozen_arrays import numeric, readonly
 from pbd.pose import Array
 from pbd.tracking.first_rest import QUIET_ACC, QUIET_GYR, QUIET_RATIO, REST_S, STILL_ACC, Rest, find_rest
@@ -16,7 +15,7 @@ from pbd.tracking.noise import Noise, noise_of
 from pbd.tracking.online.events import DataFlaw, LiveEvent, RestFound, StopBegan, StopEnded
 from pbd.tracking.online.live_stops import LiveHand
 from pbd.tracking.online.sample_repair import Sample, SampleRepair
-from pbd.tracking.repair.clock import SLOWEST_HZ, steady_clock
+from pbd.tracking.repair.clock import SLOWEST_HZ
 from pbd.tracking.smoother.attitude import NO_ORIENTATION
 from pbd.tracking.white_noise import steps_of
 from pbd.tracking.zero_velocity import ENERGY_WINDOW_S
@@ -53,10 +52,15 @@ class LiveTracker:
     of centimetres, several times its sigma. A large lag of the gyro is estimated once a stop shows it.
     """
 
-    def __init__(self, sensor: str = "") -> None:
-        """Begin. `sensor` is its name, as in `Recording.info`; it selects the error model."""
+    def __init__(self, sensor: str = "", *, straightened: bool = False) -> None:
+        """Begin.
+
+        Args:
+            sensor: its name, as in `Recording.info`; it selects the error model.
+            straightened: the times are arrival times that were straightened as they came. They are taken as they are.
+        """
         self._sensor = sensor
-        self._repair = SampleRepair()
+        self._repair = SampleRepair(straightened=straightened)
         self._has_gyro: bool | None = None
         self._recent: deque[Sample] = deque()
         self._t_next_look = -np.inf
@@ -77,8 +81,9 @@ class LiveTracker:
 
         A row with a missing number, or whose time does not increase, is left out. Gaps of up to 50 ms are interpolated.
         A longer gap gives a `DataFlaw`, and the next keyframe's sigma is wider. Two seconds of such rows give one too.
-        If the times jitter in the first rest, as those of arrival do, a `DataFlaw` says so, and evenly spaced ones are
-        used, as in `pbd.track`. A lost row is then noticed half a second late.
+        If the times jitter, as those of arrival do, a `DataFlaw` says so, and evenly spaced ones are used, as in
+        `pbd.track`. A row that is late is then held back, half a second at most, until the next ones show whether
+        another was lost before it.
 
         Args:
             t: s, of one row or (n,); any origin, increasing.
@@ -111,11 +116,9 @@ class LiveTracker:
         before = self._recent[-1] if self._recent else None
         turn = NO_READING if gyr is None else gyr
         samples, wrong = self._repair.take(t, acc, turn if self._has_gyro else None, mag, device_rpy)
-        events: list[LiveEvent] = []
-        if wrong:
-            events.append(DataFlaw(t if before is None else before.t, wrong))
+        events: list[LiveEvent] = [DataFlaw(t if before is None else before.t, each) for each in wrong]
         if self._hand is not None:
-            self._hand.flaws += [wrong] if wrong else []
+            self._hand.flaws += wrong
         for sample in samples:
             if self._hand is not None:
                 events += (news := self._hand.advance(sample))
@@ -146,9 +149,6 @@ class LiveTracker:
         self._t_next_look = t + (ENERGY_WINDOW_S if hand is None else REST_S)
         if hand is not None and (not hand.still or hand.stops[-1].first.t > samples[0].t):
             return []
-        jitter: list[str] = []
-        if hand is None:
-            samples, jitter = self._at_even_times(samples)
         recording = self._recording_of(samples)
         try:
             rest = find_rest(recording, shortest_s=REST_S)
@@ -164,28 +164,13 @@ class LiveTracker:
             if len(hand.stops) > 1 or not hand.still or (hand.set_out and loud):
                 self._waiting = f"hold still for {REST_S:g} s: the hand moves"
                 return []
-            t = samples[-1].t
-            self._repair.begin(samples, jitter=bool(jitter))
-            self._hand, self._still, self._recent = hand, still, deque(samples)
-            flaws = [DataFlaw(t, each) for each in jitter]
-            return [*flaws, RestFound(t, rest), self._hand.current_stop(t)]
+            self._repair.begin(interval)
+            self._hand, self._still = hand, still
+            return [RestFound(t, rest), self._hand.current_stop(t)]
         if rest.restless < hand.rest.restless / QUIET_RATIO:
             self._still = still
             hand.use_rest(rest, noise)
         return []
-
-    def _at_even_times(self, samples: list[Sample]) -> tuple[list[Sample], list[str]]:
-        """The samples at evenly spaced times if their own jitter, with that fault; else those whose time increases.
-
-        No sample comes before its time, as for `Stamper`.
-        """
-        recording = self._recording_of(samples)
-        with collected_warnings() as jitter:
-            even = steady_clock(recording)
-        if jitter:
-            times = (even + (recording.t - even).min()).tolist()
-            return [replace(sample, t=t) for t, sample in zip(times, samples, strict=True)], jitter
-        return [samples[0], *(own for before, own in pairwise(samples) if own.t > before.t)], []
 
     def _learn_steps(self, hand: LiveHand) -> None:
         """A coarse sensor's readings may all be the same at rest. Once the hand has set out, they show their step."""

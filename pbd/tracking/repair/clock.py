@@ -111,10 +111,13 @@ def steady_clock(recording: Recording) -> Array:
     even, fault = even_times(t[new], recording.info.rate_hz)
     if fault:
         t = even[np.cumsum(new) - 1]
-        warn(
-            f"the time stamps {fault}; evenly spaced times at {1.0 / np.median(np.diff(even)):.4g} Hz are used instead"
-        )
+        warn(replaced(fault, even))
     return t
+
+
+def replaced(fault: str, even: Array) -> str:
+    """What to say of stamps with this fault, for which evenly spaced times (n,) s stand."""
+    return f"the time stamps {fault}; evenly spaced times at {1.0 / np.median(np.diff(even)):.4g} Hz are used instead"
 
 
 def _without_rereads(recording: Recording) -> Recording:

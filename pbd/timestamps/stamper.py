@@ -1,0 +1,156 @@
+"""Times of samples as they arrive: even times, with gaps where samples were lost.
+
+No sample arrives before it was taken, so the true times lie on a line below the arrivals (`straighten`). A sample that
+is on time shows that none was lost before it. One that is late may have waited, or another was lost: what comes next
+decides, and until then it is held back.
+"""
+
+from collections import deque
+from math import log
+from typing import Generic, NamedTuple, TypeVar
+
+import numpy as np
+
+from pbd.pose import Array
+from pbd.timestamps.straighten import (
+    BURST_BATCHES,
+    LONGEST_BURST_S,
+    LOST_SHARE,
+    WITHIN_BATCH,
+    first_slope,
+)
+
+START_S, START_SAMPLES = 1.0, 8
+"""The line is first laid below the samples of this time, s, if there are so many, in several batches."""
+
+LINE_BATCHES = 1000
+"""Number of latest batches that tell the interval."""
+
+RECENT_BATCHES = 64
+"""Number of batches that tell where the line is, and how large a share is late."""
+
+LATE_BATCHES = 16
+"""Number of batches of which the least delayed tells which of them are late: in few of these a sample is lost."""
+
+CHANCE = 1e-5
+"""A sample was lost if, without a loss, so many in turn would be late with a lower probability than this."""
+
+LEAST_LATE = 0.02
+"""Least share of batches that are late: a link may hold one back at any time."""
+
+LARGEST_SHIFT = 0.005
+"""Largest change of a step of the times, as a share of the interval, by which they move to where the line is now."""
+
+SHORTEST_INTERVAL_S = 1e-5
+"""Smallest interval, s, of samples; equal times have none."""
+
+T = TypeVar("T")
+
+
+class _Held(NamedTuple, Generic[T]):
+    sample: T
+    arrival: float  # s
+    batch: int  # number of its batch
+
+
+class _End(NamedTuple):
+    """The last sample of a batch."""
+
+    arrived: int  # of the samples before it that arrived
+    position: int  # on the line; lost ones count
+    arrival: float  # s
+
+
+class Stamper(Generic[T]):
+    """Gives samples their times, in order, once they are known."""
+
+    def __init__(self) -> None:
+        self._held: list[_Held[T]] = []
+        self._batch = 0
+        self._begin, self._interval = 0.0, 0.0  # the line, s; not laid yet
+        self._count, self._index = 0, 0  # of the first sample held, as in `_End`
+        self._t, self._t_index = 0.0, 0  # the latest time given, s; its index
+        self._late = LEAST_LATE  # share of batches that are late
+        self._ends: deque[_End] = deque(maxlen=LINE_BATCHES)
+        self._next_fit = 0.0  # s
+
+    def stamp(self, sample: T, arrival: float) -> list[tuple[float, T]]:
+        """Take the next sample, which arrived at `arrival` s; return (time in s, sample) of those now known."""
+        before = self._held[-1].arrival if self._held else -np.inf
+        self._batch += arrival - before > WITHIN_BATCH * self._interval
+        self._held.append(_Held(sample, arrival, self._batch))
+        if not self._interval:
+            lasts = arrival - self._held[0].arrival
+            is_enough = lasts >= START_S and len(self._held) >= START_SAMPLES and self._batch >= BURST_BATCHES
+            return self._start() if is_enough else []
+        if self._is_on_time(len(self._held) - 1):
+            self._begin += min(self._delay(len(self._held) - 1), 0.0)
+            return self._give(len(self._held))
+        stamped: list[tuple[float, T]] = []
+        while self._held and self._is_lost():
+            least = min(self._delay(k) for k in range(len(self._held)))
+            self._index += max(int(least / self._interval + 1.0 - LOST_SHARE), 1)
+            stamped += self._give(max(k for k in range(len(self._held)) if self._is_on_time(k)) + 1)
+        return stamped
+
+    def release(self) -> list[tuple[float, T]]:
+        """Return (time in s, sample) of all held, by what is known now."""
+        stamped = [] if self._interval else self._start()
+        return stamped + self._give(len(self._held))
+
+    def _delay(self, k: int) -> float:
+        """By how much sample k of those held is behind the line, s, if none of them was lost."""
+        return self._held[k].arrival - self._begin - self._interval * (self._index + k)
+
+    def _is_on_time(self, k: int) -> bool:
+        return self._delay(k) < LOST_SHARE * self._interval
+
+    def _is_lost(self) -> bool:
+        """Whether a sample was lost before the first held: those held have been late for too long."""
+        first, last = self._held[0], self._held[-1]
+        batches = last.batch - first.batch  # the last one may not be complete
+        lasts = last.arrival - first.arrival > LONGEST_BURST_S and batches >= BURST_BATCHES
+        return lasts or batches * log(self._late) < log(CHANCE)
+
+    def _give(self, n: int) -> list[tuple[float, T]]:
+        """Give the first n samples held their times."""
+        given, self._held = self._held[:n], self._held[n:]
+        interval = self._interval
+        shift = LARGEST_SHIFT * interval
+        stamped: list[tuple[float, T]] = []
+        for k, (sample, arrival, batch) in enumerate(given):
+            index = self._index + k
+            due = self._t + interval * (index - self._t_index)
+            self._t = min(max(self._begin + interval * index, due - shift), due + shift)
+            self._t_index = index
+            stamped.append((self._t, sample))
+            if k == n - 1 or given[k + 1].batch != batch:
+                self._ends.append(_End(self._count + k, index, arrival))
+        self._count, self._index = self._count + n, self._index + n
+        if given and given[-1].arrival >= self._next_fit:
+            counts, indices, arrivals = (np.array(each, dtype=np.float64) for each in zip(*self._ends, strict=True))
+            self._fit(counts, indices, arrivals, slice(-RECENT_BATCHES, None))
+        return stamped
+
+    def _start(self) -> list[tuple[float, T]]:
+        """Lay the line below the samples held, and take them once more."""
+        held, self._held = self._held, []
+        arrival = np.array([each.arrival for each in held])
+        ends = np.flatnonzero(np.append(np.diff(arrival) > WITHIN_BATCH * np.diff(arrival).mean(), True))
+        self._fit(ends.astype(np.float64), ends.astype(np.float64), arrival[ends], slice(RECENT_BATCHES))
+        self._t = self._begin
+        return [stamped for sample, at, _ in held for stamped in self.stamp(sample, at)]
+
+    def _fit(self, counts: Array, index: Array, arrival: Array, near: slice) -> None:
+        """Learn the interval from ends of batches (n,), as in `_End`; the rest from those `near`."""
+        if len(counts) < BURST_BATCHES:
+            interval = (arrival[-1] - arrival[0]) / max(counts[-1] - counts[0], 1)
+        else:
+            interval = first_slope(counts, arrival, int(np.median(np.diff(counts))))
+        self._interval = max(float(interval), SHORTEST_INTERVAL_S)
+        delay = (arrival - self._interval * index)[near]
+        self._begin = float(delay.min())
+        blocks = [delay[k : k + LATE_BATCHES] for k in range(0, len(delay), LATE_BATCHES)]
+        late = np.concatenate([block - block.min() >= LOST_SHARE * self._interval for block in blocks])
+        self._late = max(float(late.mean()), LEAST_LATE)
+        self._next_fit = float(arrival[-1]) + LONGEST_BURST_S
