@@ -204,6 +204,32 @@ def vibrating(
     return damage
 
 
+def tapped(size: float, limit: float = np.inf) -> Damage:
+    """Once a second something taps the hand, which rings at 20 to 60 Hz and is back within 0.2 s.
+
+    A tap accelerates the hand by up to `size` m/s2. Samples are means, of a sensor whose range is `limit` m/s2.
+    """
+
+    def ring(s: Array, hz: float, fades_s: float) -> Array:
+        """The hand's way, s seconds after a tap."""
+        after = np.maximum(s, 0.0)
+        way: Array = -np.expm1(-((after / 0.004) ** 2)) * np.exp(-after / fades_s) * np.sin(2.0 * np.pi * hz * after)
+        return way
+
+    def damage(demo: Demonstration, rng: np.random.Generator) -> Demonstration:
+        t, interval, fine = demo.recording.t, 1.0 / demo.recording.rate_hz, 1e-4
+        pushed, every = np.zeros_like(demo.recording.acc), np.arange(-0.01, 0.3, fine)
+        for start in np.cumsum(rng.exponential(1.0, size=int(t[-1]))) + 2.0:
+            hz, fades_s, way = rng.uniform(20.0, 60.0), rng.uniform(0.01, 0.03), rng.normal(size=3)
+            hardest = np.abs(np.diff(ring(every, hz, fades_s), 2)).max() / fine**2
+            ends = np.add.outer(t - start, 0.5 * interval * np.array([-1.0, 1.0]))
+            v = (ring(ends + 0.5 * fine, hz, fades_s) - ring(ends - 0.5 * fine, hz, fades_s)) / fine
+            pushed += np.outer(np.diff(v)[:, 0] / interval * size / hardest, way / np.linalg.norm(way))
+        return with_values(demo, "acc", lambda acc: np.clip(acc + pushed, -limit, limit))
+
+    return damage
+
+
 def magnet_passing(size: float, seconds: float) -> Damage:
     """A magnet comes and goes; size in uT."""
 

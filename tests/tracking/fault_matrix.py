@@ -174,6 +174,9 @@ def faults() -> tuple[Fault, ...]:
             found.append(Fault(f"vibration {how}", f"{size} m/s2", shaking))
         shaking = d.vibrating(size, 0.02 * size, (150.0, 250.0), True, on_off=(0.5, 4.0))
         found.append(Fault("vibration on and off", f"{size} m/s2", shaking))
+    for size, g in ((20.0, np.inf), (80.0, np.inf), (80.0, 2.0), (80.0, 4.0)):
+        variant = f"{size:.0f} m/s2" + f", range {g:.0f} g" * (g < np.inf)
+        found.append(Fault("taps", variant, d.tapped(size, g * GRAVITY)))
     for size in (1.0, 5.0, 20.0):
         found.append(Fault("noise burst", f"acc {size} m/s2", d.noisy("acc", size, 0.5)))
         found.append(Fault("noise burst", f"gyr {0.2 * size:g} rad/s", d.noisy("gyr", 0.2 * size, 0.5)))
