@@ -49,7 +49,7 @@ def restlessness(acc_var: Array | float, gyr_var: Array | float) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Rest:
-    """The first quiet second of a recording, samples start <= i < stop.
+    """The first rest of a recording, samples start <= i < stop.
 
     Attributes:
         gravity: m/s2, the norm of mean specific force.
@@ -96,10 +96,10 @@ class _Calm(NamedTuple):
 
 
 def find_rest(recording: Recording, shortest_s: float = SHORT_REST_S) -> Rest:
-    """Find the first quiet second of a recording without NaN. A shorter recording is taken as a whole.
+    """Find the first quiet second of a recording without NaN, or half second where the hand moves in any second.
 
-    A steady turn about the vertical is as quiet as a rest. So the gyro's mean there must be that of most quiet
-    seconds.
+    A shorter recording is taken as a whole. A steady turn about the vertical is as quiet as a rest. So the gyro's mean
+    there must be that of most quiet seconds.
 
     Args:
         shortest_s: s, REST_S or SHORT_REST_S.
