@@ -152,7 +152,11 @@ def test_the_arm_is_told_every_row(
     openings: list[float] = []
     text = next(block for block in blocks(ROOT / "docs" / "exports.md", "py") if f"from {program} import" in block)
     exec(compile(text, program, "exec"), {"grip": openings.append})
-    np.testing.assert_array_equal(stand.told, motion.sample(RATES[robot_name]).q)
+    rows = motion.sample(RATES[robot_name]).q
+    np.testing.assert_array_equal(stand.told[: len(rows)], rows)
+    np.testing.assert_array_equal(stand.told[len(rows) :], np.tile(rows[-1], (len(stand.told) - len(rows), 1)))
+    if program == "rtde_control":  # its servoJ is 0.1 s late
+        assert len(stand.told) - len(rows) >= 0.2 * RATES[robot_name]
     assert openings[0] == motion.gripper[0]
     assert openings[-1] == motion.gripper[-1]
     assert stand.calls[-1] in ("stopScript", "exit", "disconnect")
