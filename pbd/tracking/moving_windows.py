@@ -1,10 +1,12 @@
 """Sums, means, variances and maxima over moving windows."""
 
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pbd.frozen_arrays import readonly
 from pbd.pose import Array
 
 Rows = NDArray[np.intp]
@@ -74,11 +76,12 @@ def white_noise_variance(n: int, passes: int = PASSES) -> float:
     return float(weights @ weights)
 
 
+@lru_cache(maxsize=16)  # the live tracker needs the same few in each block
 def _weights(n: int, passes: int) -> Array:
     weights = np.ones(1)
     for _ in range(passes):
         weights = np.convolve(weights, np.full(n, 1.0 / n))
-    return weights
+    return readonly(weights)
 
 
 def window_maxima(values: NDArray[Any], n: int) -> NDArray[Any]:
