@@ -45,8 +45,8 @@ def find(kind: str, name: str | Path, error: type[PbdError]) -> Path:
         return Path(kind) / name  # not a demonstration: reading it tells what is missing
     valid = names(kind)
     hint = nearest(name, valid)
-    if hint and kind == "robots" and name.lower() not in map(str.lower, valid):  # such as ur5 for UR5e
-        hint += " `pbd robots NAME` says which arm that is"
+    if kind == "robots" and name.lower() not in map(str.lower, valid):  # such as ur5 for UR5e
+        hint = f"{hint or ';'} `pbd robots` says which arms they are"
     known = f"known are {listed(valid)}{hint}" if valid else f"none is known; put one into ./{kind}"
     if is_folder(given):
         raise error(f"{name} is a folder: give a name, or a file; {known}", value=name, valid=valid)

@@ -70,8 +70,10 @@ class Diagnostics:
             if is_new and clip.limit(window) >= self._largest.get(side, 0.0) * (1.0 - TOP_TOLERANCE):
                 shown = clip.limit_text(window)
                 axis = f"{'xyz'[clip.axis]} axis of the {SENSOR_NAMES[clip.sensor]}"
-                what = f"the {axis} is at the end of its range ({shown}): move slower, or set a larger one"
-                faults[f"{axis} clipped"] = what
+                faults[f"{axis} clipped"] = (
+                    f"the {axis} is at the end of its range ({shown}): move slower and without knocks, or set a larger "
+                    "one"
+                )
         for name, values in _triads(window):
             for k in range(3):
                 for sign in (1.0, -1.0):

@@ -324,7 +324,7 @@ def test_the_list_is_short_and_one_robot_has_its_notes(capsys: Capture) -> None:
 @pytest.mark.parametrize("name", ["ur3", "ur5", "ur10"])
 def test_an_arm_of_the_e_series_is_told_apart(capsys: Capture, name: str) -> None:
     assert refused(capsys, 1, "robots", f"{name}e").endswith(
-        f"did you mean {name}? `pbd robots NAME` says which arm that is"
+        f"did you mean {name}? `pbd robots` says which arms they are"
     )
     code, out, _ = run(capsys, "robots", name)
     assert code == 0

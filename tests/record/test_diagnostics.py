@@ -66,7 +66,8 @@ def test_a_saturated_axis_is_told_at_once(pouring: Recording, name: str, limit: 
     sensor = {"acc": "accelerometer", "gyr": "gyro"}[name]
     axis = "xyz"[first.axis]
     assert (
-        line == f"the {axis} axis of the {sensor} is at the end of its range ({said}): move slower, or set a larger one"
+        line == f"the {axis} axis of the {sensor} is at the end of its range ({said}): move slower and without knocks, "
+        "or set a larger one"
     )
     assert at - pouring.t[first.stop - 1] <= CHECK_EVERY_S + 0.011
 

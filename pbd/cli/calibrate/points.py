@@ -18,7 +18,7 @@ from pbd.cli.console import print_json, say, working
 from pbd.data import Calibration, HandPath, Keyframe, Recording
 from pbd.data.covariance import one_sigma
 from pbd.data.one_line_repr import counted
-from pbd.errors import CalibrationError, warn
+from pbd.errors import CalibrationError, amount, warn
 from pbd.files.calibration_edit import existing_calibration, pose_values, update_calibration
 from pbd.files.demo import load_demo
 from pbd.files.points import Points, read_points
@@ -111,7 +111,8 @@ def run(args: argparse.Namespace) -> None:
     if fit.chi2 <= POOR_CHI2:
         say(f"the points fit as expected ({worse} the tracker's uncertainty)")
     there = f"at that point (to {args.sigma_mm:g} mm: --sigma-mm)"
-    turned = "" if part == "nav" else f" and with the same rotation (to {args.sigma_deg:g} degrees: --sigma-deg)"
+    angle = amount(args.sigma_deg, "degree", "g")
+    turned = "" if part == "nav" else f" and with the same rotation (to {angle}: --sigma-deg)"
     # The accelerometer's bias tilts nav in another direction where the sensor starts with another heading.
     of_tilt_deg = tan_dip * np.degrees(np.sqrt(np.trace(keyframes[0].cov[3:5, 3:5])))
     if part == "nav" and of_tilt_deg > REPORTED_DEG:

@@ -88,14 +88,15 @@ def find_clips(recording: Recording) -> tuple[Clip, ...]:
     axes, ends = [], []
     for sensor in sorted({clip.sensor for clip in clips}):
         own = [clip for clip in clips if clip.sensor == sensor]
-        axes.append(f"the {SENSOR_NAMES[sensor]}'s {', '.join(sorted({'xyz'[clip.axis] for clip in own}))} axis")
+        letters = sorted({"xyz"[clip.axis] for clip in own})
+        axes.append(f"the {SENSOR_NAMES[sensor]}'s {', '.join(letters)} {'axis' if len(letters) == 1 else 'axes'}")
         ends.append(own[0].limit_text(recording))
     rows = len({row for clip in clips for row in range(clip.start, clip.stop)})
     are = "is" if rows == 1 else "are"
     warn(
         f"{amount(rows, 'sample')} of {' and '.join(axes)} {are} at the end of the range ({' and '.join(ends)}), the "
-        f"first at t = {recording.t[clips[0].start]:.2f} s: values above it are guessed; move slower, or "
-        "set a larger range"
+        f"first at t = {recording.t[clips[0].start]:.2f} s: values above it are guessed; move slower and "
+        "without knocks, or set a larger range"
     )
     return clips
 

@@ -94,7 +94,7 @@ def test_one_line_says_how_many_which_axis_where_and_what_to_do() -> None:
         track(simulate("pick-and-place-stops", "os5000").recording)
     assert [str(warning.message) for warning in caught] == [
         "3 samples of the gyro's x axis are at the end of the range (500 deg/s), the first at t = 4.70 s: values "
-        "above it are guessed; move slower, or set a larger range"
+        "above it are guessed; move slower and without knocks, or set a larger range"
     ]
 
 
@@ -104,7 +104,7 @@ def test_each_sensors_end_is_named() -> None:
     acc = np.clip(1.6 * recording.acc, -ends["acc"], ends["acc"])
     clipped = replace(recording, gyr=np.clip(known(recording.gyr), -ends["gyr"], ends["gyr"]), acc=acc)
     with pytest.warns(
-        PbdWarning, match=r"accelerometer's .*z axis and the gyro's x axis are at .* \(1\.2 g and 31 deg/s\)"
+        PbdWarning, match=r"accelerometer's .*z axes and the gyro's x axis are at .* \(1\.2 g and 31 deg/s\)"
     ):
         find_clips(clipped)
 
@@ -115,7 +115,7 @@ def test_the_end_of_the_range_is_read_from_the_axis_that_clips_first() -> None:
     for axis, at in ((2, 1.0), (0, 2.5)):
         turn[:, axis] = 3.0 * np.exp(-(((t - at) / 0.3) ** 2))
     recording = Recording(t, np.tile((0.0, 0.0, GRAVITY), (400, 1)), gyr=np.minimum(turn, 1.0))
-    with pytest.warns(PbdWarning, match=r"gyro's x, z axis are at the end of the range \(57 deg/s\)"):
+    with pytest.warns(PbdWarning, match=r"gyro's x, z axes are at the end of the range \(57 deg/s\)"):
         find_clips(recording)
 
 
