@@ -87,7 +87,10 @@ def _warn_of_open_ends(t: Array, stops: tuple[Stop, ...]) -> None:
     """Warn of motion before the first stop and after the last one: neither is used."""
     before, after = float(t[stops[0].start] - t[0]), float(t[-1] - t[stops[-1].stop - 1])
     if before > OPEN_END_S:
-        warn(f"the hand moves when the recording starts; its first rest, at {before:.1f} s, is taken as the dock")
+        warn(
+            f"the hand moves when the recording starts; its first rest, at {before:.1f} s, is taken as the dock; hold "
+            "still there before you start the recording"
+        )
     if after > OPEN_END_S:
         warn(
             f"the hand moves when the recording ends: the last {after:.1f} s are not used; stop before you end the "

@@ -1,5 +1,6 @@
 """Calibrate a sensor's errors from one recording in which it is put down in several orientations."""
 
+import shlex
 from collections.abc import Collection
 from dataclasses import dataclass, replace
 
@@ -170,7 +171,8 @@ def refuse_other_sensor(what: str, sensor: str, errors: SensorErrors) -> None:
     if "unknown" not in (sensor, errors.sensor) and sensor != errors.sensor:
         raise CalibrationError(
             f"{what} is of the sensor '{sensor}', but the calibration's [sensor] is of '{errors.sensor}'; name a "
-            "calibration of that sensor, or remove [sensor]",
+            "calibration of that sensor, or remove [sensor]; if they are one device, import its recordings with "
+            f"--sensor {shlex.quote(errors.sensor)}",
             value=sensor,
             bound=errors.sensor,
         )

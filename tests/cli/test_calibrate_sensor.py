@@ -124,7 +124,8 @@ def test_another_sensor_is_refused(bench: Path, capsys: Capture) -> None:
     line = refused_by(capsys, "keyframes", "pouring", "--calibration", "bench")
     assert line == (
         "'pouring' is of the sensor 'simulated modern', but the calibration's [sensor] is of 'simulated bad wt901'; "
-        "name a calibration of that sensor, or remove [sensor]"
+        "name a calibration of that sensor, or remove [sensor]; if they are one device, import its recordings with "
+        "--sensor 'simulated bad wt901'"
     )
     assert "of 'simulated bad wt901'" in refused_by(capsys, "calibrate", "sensor", "bench", "pouring", "--only", "gyr")
     assert "of 'simulated bad wt901'" in refused_by(capsys, "record", "x", "--sensor", "sim", "--calibration", "bench")

@@ -108,8 +108,10 @@ def import_(parser: ArgumentParser) -> None:
     option(parser, "--column", "OURS=THEIRS", column, type=pair, action=AppendOnce, default=[])
     unit = "unit of t, gyr, acc, mag or angle, such as t=ms, gyr=deg/s, acc=g; -UNIT flips the signs"
     option(parser, "--unit", "WHAT=UNIT", unit, type=pair, action=AppendOnce, default=[])
-    sensor = "the sensor that recorded it, such as wt901, whose usual errors tracking then expects, and by which its "
-    sensor += "calibration knows it; of a raw.bin, its protocol"
+    sensor = (
+        "the sensor that recorded it, as `pbd record` names it, such as witmotion: tracking then expects its usual "
+    )
+    sensor += "errors, and its calibration knows it; of a raw.bin, its protocol"
     option(parser, "--sensor", "SENSOR", sensor)
     option(parser, "--rate", "HZ", "sample rate of a raw.bin, or of a table without right times", type=positive)
     option(parser, "--grip", None, "find the grips that two quick taps on the sensor's back marked", choices=("tap",))
