@@ -51,10 +51,11 @@ def track_alone(
             found = estimate(recording, rest, noise, lost, [gap for gap in unseen if gap not in still], still)
     refuse_gaps(gaps, recording, found.stops, accept=accept_gap)
     refuse_freezes(recording, found.path.v)
+    if found.solution is not None:
+        refuse_doubted_rest(recording.t, rest, found.stops)
     _warn_at_rest(recording, rest, errors)
     _warn_of_open_ends(recording.t, found.stops)
     if found.solution is not None:
-        refuse_doubted_rest(recording.t, rest, found.stops)
         for line in alarms(found.solution, found.stops, found.sensor):
             warn(line)
     path = HandPath(
