@@ -24,7 +24,8 @@ QUIET_ACC, QUIET_GYR = 0.08, 0.02
 
 QUIET_ENERGY = 10.0
 """Energy of a window, as a multiple of the first rest's, below which the window is quiet. It is also quiet below the
-energy of a hand that rests on something (QUIET_ACC, QUIET_GYR)."""
+energy of a hand that rests on something (QUIET_ACC, QUIET_GYR). So a second is no rest if it is this many times as
+restless as a quiet half second."""
 
 WITHOUT_GRAVITY = 0.5
 """Specific force at rest, m/s2, below which gravity seems to have been removed. What remains is a bare part's bias
