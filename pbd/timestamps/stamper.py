@@ -20,8 +20,8 @@ from pbd.timestamps.straighten import (
     first_slope,
 )
 
-START_S, START_SAMPLES = 1.0, 8
-"""The line is first laid below the samples of this time, s, if there are so many, in several batches."""
+START_S = 1.0
+"""The line is first laid below the samples of this time, s, if they came in BURST_BATCHES batches or more."""
 
 LINE_BATCHES = 1000
 """Number of latest batches that tell the interval."""
@@ -80,8 +80,7 @@ class Stamper(Generic[T]):
         self._batch += arrival - before > WITHIN_BATCH * self._interval
         self._held.append(_Held(sample, arrival, self._batch))
         if not self._interval:
-            lasts = arrival - self._held[0].arrival
-            is_enough = lasts >= START_S and len(self._held) >= START_SAMPLES and self._batch >= BURST_BATCHES
+            is_enough = arrival - self._held[0].arrival >= START_S and self._batch >= BURST_BATCHES
             return self._start() if is_enough else []
         if self._is_on_time(len(self._held) - 1):
             self._begin += min(self._delay(len(self._held) - 1), 0.0)
