@@ -9,7 +9,7 @@ from pbd.cli.console import say, working
 from pbd.data import Demonstration, Recording
 from pbd.data.source_columns import SourceColumns
 from pbd.errors import PbdError, RecordingError, SensorError, TrackingError, UsageError, amount, listed, warn
-from pbd.files.demo import demo_folder
+from pbd.files.demo import demo_folder, shell_word
 from pbd.files.importers import import_file
 from pbd.files.importers.columns import WHY_UNUSED
 from pbd.io.atomic import is_file, is_folder
@@ -65,8 +65,8 @@ def run(args: argparse.Namespace) -> None:
     demo = replace(demo, recording=recording, closed=demo.closed or args.closed)
     try:
         with working("tracking it"):
-            few = len(track(demo).stops) < FEWEST_STOPS
-        failure = "it has fewer than two stops, and a motion needs two" if few else ""
+            stops = len(track(demo).stops)
+        failure = "" if stops >= FEWEST_STOPS else "it has fewer than two stops, and a motion needs two"
     except PbdError as error:
         failure = error.message
     columns = [column.row() for column in source.columns]
@@ -75,6 +75,8 @@ def run(args: argparse.Namespace) -> None:
     if failure:
         warn(f"stored, but not as a default demonstration: {failure}")
     _print_columns(args, source)
+    if not failure and not args.json:
+        print(f"stops after the first rest: {stops - 1}\nnext: pbd keyframes {shell_word(folder)}")
 
 
 def _checked(recording: Recording) -> Recording:

@@ -16,6 +16,7 @@ from pbd.data.source_columns import Column, SourceColumns
 from pbd.data.units import UNITS
 from pbd.files.demo import newest_demo, read_demo, write_demo
 from pbd.files.importers.columns import WHY_UNUSED
+from pbd.pipeline import track
 from pbd.simulation.simulate import simulate
 from tests.cli.running import HEADER, write_recording
 from tests.record.speakers import SPEAKERS, random_hand
@@ -49,7 +50,10 @@ def test_acceleration_in_g_is_told_at_once_and_what_it_says_to_do_helps(
     assert "the values are likely in g: import the file with --unit acc=g" in capsys.readouterr().err
     assert not Path("demos").exists()
     assert main(["import", str(in_g), "tea", "--unit", "acc=g"]) == 0
-    assert read_demo(Path("demos/tea")).recording.acc[:, 2].max() > GRAVITY
+    imported = read_demo(Path("demos/tea"))
+    assert imported.recording.acc[:, 2].max() > GRAVITY
+    stops = f"stops after the first rest: {len(track(imported).stops) - 1}\n"
+    assert capsys.readouterr().out.endswith(f"{stops}next: pbd keyframes tea\n")
 
 
 @pytest.mark.parametrize(
