@@ -215,12 +215,12 @@ def _sensor(first: Take, joint: JointEstimate, device: int) -> SensorEstimate | 
     if alone is None:
         return None
     sigma = np.sqrt(np.diagonal(joint.cov_devices[device]))
-    gyr_matrix = errors[GYR_MATRIX].reshape(3, 3) - first.solution.scale * np.eye(3)
+    gyr_matrix = errors[GYR_MATRIX].reshape(3, 3) - first.solution.removed.scale * np.eye(3)
     acc_sigma = lower_matrix(sigma[ACC_MATRIX], alone.acc_matrix.sigma)
     return SensorEstimate(
         alone.gyr_bias,
         replace(alone.gyr_matrix, value=gyr_matrix, sigma=sigma[GYR_MATRIX].reshape(3, 3)),
         replace(alone.acc_bias, value=errors[BIAS_PART], sigma=sigma[BIAS_PART]),
         replace(alone.acc_matrix, value=lower_matrix(errors[ACC_MATRIX]), sigma=acc_sigma),
-        replace(alone.lag, value=first.solution.lag + errors[LAG][0], sigma=sigma[LAG][0]),
+        replace(alone.lag, value=first.solution.removed.lag + errors[LAG][0], sigma=sigma[LAG][0]),
     )

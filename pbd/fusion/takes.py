@@ -42,7 +42,7 @@ class Take:
     def device(self) -> tuple[str, float, float]:
         """Equal for takes of one device: the sensor's name, and the lag and scale corrected before smoothing."""
         assert self.path.tracking is not None
-        return self.path.tracking.recording.info.sensor, self.solution.lag, self.solution.scale
+        return self.path.tracking.recording.info.sensor, self.solution.removed.lag, self.solution.removed.scale
 
 
 def tracked_take(demo: Demonstration, calibration: Calibration | None, accept_gap: bool) -> Take:

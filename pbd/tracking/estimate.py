@@ -120,19 +120,19 @@ def refuse_doubted_rest(t: Array, rest: Rest, stops: Sequence[Stop]) -> None:
 def _sensor_estimate(solution: Solution, first: int) -> SensorEstimate:
     """The sensor's errors, including those removed before smoothing; biases are those at the knot `first`."""
     solved, x, noise, rest = solution.solved, solution.state, solution.problem.noise, solution.problem.rest
-    sensor, acc_factor, prior = noise.sensor, acc_sigma_factor(noise, rest), solution.fixed.prior
+    sensor, acc_factor, removed = noise.sensor, acc_sigma_factor(noise, rest), solution.removed
     sigma = np.sqrt(np.diagonal(solved.shared))
     biases = slice(STATE_GYR_BIAS.start, STATE_ACC_BIAS.stop)
     of_biases = np.sqrt(np.diagonal(solved.covariance_of_knots(biases)[first]))
-    acc_scale, none = acc_factor * sensor.acc_scale, np.array(0.0)
-    M = x.shared[GYR_MATRIX].reshape(3, 3) - solution.scale * np.eye(3)
+    acc_scale, lag_sigma, none = acc_factor * sensor.acc_scale, np.array(solution.fixed.prior.lag_sigma), np.array(0.0)
+    M = x.shared[GYR_MATRIX].reshape(3, 3) - removed.scale * np.eye(3)
     N = lower_matrix(x.shared[ACC_MATRIX])
     return SensorEstimate(
         ErrorEstimate(rest.gyro_bias + x.gyr_bias[first], of_biases[:3], rest.gyro_bias, np.array(noise.gyr_bias)),
         ErrorEstimate(M, sigma[GYR_MATRIX].reshape(3, 3), none, np.array(sensor.gyr_scale)),
         ErrorEstimate(x.acc_bias[first], of_biases[3:], none, np.array(acc_factor * sensor.acc_bias)),
         ErrorEstimate(N, lower_matrix(sigma[ACC_MATRIX], acc_scale), none, np.array(acc_scale)),
-        ErrorEstimate(solution.lag + x.shared[LAG][0], sigma[LAG][0], np.array(noise.lag), np.array(prior.lag_sigma)),
+        ErrorEstimate(removed.lag + x.shared[LAG][0], sigma[LAG][0], np.array(noise.lag), lag_sigma),
     )
 
 

@@ -53,13 +53,13 @@ def _sensor_alarms(solution: Solution, found: SensorEstimate) -> Iterator[str]:
     each = (found.lag, found.gyr_matrix, found.acc_matrix, found.acc_bias)
     bound = -NormalDist().inv_cdf(0.5 * FALSE_ALARM_CHANCE / sum(one.value.size for one in each))
     late = 1e3 * float(found.lag.value)
-    if solution.lag != 0.0 or abs(found.lag.surprise) > bound:
+    if solution.removed.lag != 0.0 or abs(found.lag.surprise) > bound:
         yield (
             f"the gyro is {abs(late):.0f} ms {'late behind' if late > 0.0 else 'ahead of'} the accelerometer; this is "
             "corrected, but give both the same filter if the sensor allows it"
         )
-    if solution.scale != 0.0:
-        share = 1.0 + solution.scale
+    if solution.removed.scale != 0.0:
+        share = 1.0 + solution.removed.scale
         yield (
             f"the gyro's turns are {100.0 * abs(1.0 / share - 1.0):.0f} % too {'small' if share > 1.0 else 'large'} "
             f"for how gravity turns: the gyro's scale or the time is wrong (if the time, every distance is "
@@ -69,7 +69,7 @@ def _sensor_alarms(solution: Solution, found: SensorEstimate) -> Iterator[str]:
     for name, one in zip(("gyro", "accelerometer", "accelerometer"), each[1:], strict=True):
         surprise = np.abs(one.surprise)
         worst = np.unravel_index(int(np.argmax(surprise)), surprise.shape)
-        if surprise[worst] < bound or (name == "gyro" and solution.scale != 0.0):
+        if surprise[worst] < bound or (name == "gyro" and solution.removed.scale != 0.0):
             continue
         value, axes = float(one.value[worst]), ["xyz"[axis] for axis in worst]
         if len(axes) == 1:
@@ -169,7 +169,7 @@ def _smallest_weight(rests: int) -> float:
 
 
 def _field_alarms(solution: Solution) -> Iterator[str]:
-    if solution.hard_iron.any():
+    if solution.removed.hard_iron.any():
         yield (
             "part of the magnetic field turns with the sensor, as that of iron or a magnet beside it; this is "
             "corrected, but pbd calibrate sensor finds it better"

@@ -43,7 +43,7 @@ from pbd.tracking.first_rest import Rest
 from pbd.tracking.keyframes import find_keyframes
 from pbd.tracking.noise import Noise, noise_of
 from pbd.tracking.repair import splices
-from pbd.tracking.smoother import doubtful_stops, factors, preintegration, variance_components
+from pbd.tracking.smoother import doubtful_stops, factors, large_errors, preintegration, variance_components
 from pbd.tracking.smoother import smooth as smoother
 from tests.benchmarks import trials, windows
 from tests.benchmarks.report import add_data, arguments, print_machine
@@ -136,11 +136,11 @@ WITHOUT: dict[str, tuple[Change, ...]] = {
     "(lulls, but 10^-1.4 of a move)": ((zero_velocity, "LULL_SHARE", 10.0**-1.4),),
     "gyro's lag (then none)": of_noise(lag=0.0, lag_sigma=TINY, wide_lag_sigma=TINY),
     "gyro's lag (then 1 ms)": of_noise(lag_sigma=TINY, wide_lag_sigma=TINY),
-    "a large lag taken out": ((smoother, "REMOVED_LAG", LARGE),),
+    "a large lag taken out": ((large_errors, "REMOVED_LAG", LARGE),),
     "knocks kept": ((splices, "_knocked", lambda recording, rows, reach: np.zeros(len(rows), dtype=bool)),),
-    "hard iron found": ((smoother, "find_hard_iron", lambda problem, mag, x: None),),
-    "gyro's common scale found": ((smoother, "WIDE_SCALE_SIGMA", TINY),),
-    "gyro's matrix": (*of_noise(gyr_scale=TINY), (smoother, "WIDE_SCALE_SIGMA", TINY)),
+    "hard iron found": ((large_errors, "find_hard_iron", lambda problem, mag, x: None),),
+    "gyro's common scale found": ((large_errors, "WIDE_SCALE_SIGMA", TINY),),
+    "gyro's matrix": (*of_noise(gyr_scale=TINY), (large_errors, "WIDE_SCALE_SIGMA", TINY)),
     "accelerometer's matrix": of_noise(acc_scale=TINY),
     "accelerometer's bias": of_noise(acc_bias=TINY, acc_walk=TINY),
     "walk of the gyro's bias": of_noise(gyr_walk=TINY),

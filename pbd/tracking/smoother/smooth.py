@@ -1,8 +1,8 @@
 """Smooth a whole recording: the most probable motion and its covariance, by Gauss-Newton over the knots.
 
 A false stop (a hand that coasts) would bend the whole path. So zero velocity is a robust factor whose sigma starts
-large and shrinks (graduated non-convexity). A first solution with wide priors finds the gyro's lag, a scale common to
-its axes, and hard iron. If they are large, they are removed from the samples.
+large and shrinks (graduated non-convexity). A first solution shows the sensor's large errors, and they are removed from
+the samples. Then the estimated velocity revises the stops.
 """
 
 from collections.abc import Sequence
@@ -15,16 +15,16 @@ from pbd.data.streams import interpolate
 from pbd.pose import Array, lengths, quat_about_z, quat_inverse, quat_multiply, quat_to_matrix
 from pbd.tracking.first_rest import QUIET_GYR, Rest
 from pbd.tracking.moving_windows import Spans, cumulative
-from pbd.tracking.noise import OUTLIER_SIGMAS, Noise
+from pbd.tracking.noise import Noise
 from pbd.tracking.smoother.attitude import first_guess, frame_of, heading
 from pbd.tracking.smoother.doubtful_stops import doubted_stops, revised_stops, settled
 from pbd.tracking.smoother.factors import pivot_velocity, robust_weights, shared_prior
 from pbd.tracking.smoother.gauss_newton import descend
-from pbd.tracking.smoother.hard_iron import find_hard_iron
 from pbd.tracking.smoother.knots import Problem, build_problem, row_noise
+from pbd.tracking.smoother.large_errors import LargeErrors, find_large_errors, wide_prior
 from pbd.tracking.smoother.normal_equations import Solved
 from pbd.tracking.smoother.path import Path, path_of
-from pbd.tracking.smoother.preintegration import GYR_MATRIX, LAG, LostMotion
+from pbd.tracking.smoother.preintegration import LAG, LostMotion
 from pbd.tracking.smoother.state import SHARED, SHARED_GRAVITY, Fixed, Prior, State
 from pbd.tracking.zero_velocity import ENERGY_WINDOW_S, energies, find_candidates, zero_velocity_sigma
 
@@ -37,12 +37,8 @@ MAX_RECUTS = 5
 DRIFTED_SHARE = 0.5
 """Change of a gyro's bias, as a share of QUIET_GYR, above which it has drifted: soon, rests would seem to turn."""
 
-REMOVED_LAG = 0.005
-"""s: smallest lag of the gyro that is removed from the samples."""
-
-WIDE_SCALE_SIGMA, REMOVED_SCALE, SCALE_OUTLIER_SIGMAS = 0.15, 0.05, 5.0
-"""Scale error common to the gyro's axes (0.05: 5 %). A wrong clock looks like such an error.
-One sigma of its wide prior; smallest error that is removed from the samples; the error's least ratio to its sigma."""
+MAX_PASSES = 4
+"""Largest number of solutions with wide priors; each may show large errors that the one before hid."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,9 +52,7 @@ class Solution:
         still_weight: (m,) 0 to 1, robust weight of the zero-velocity factor at each knot.
         solved: the factorised normal equations: the covariance.
         path: the estimate at each row.
-        lag: s, removed from the gyro's time stamps.
-        scale: the gyro's readings were multiplied by 1 + scale.
-        hard_iron: (3,) in the unit of the magnetic field, removed from it.
+        removed: the sensor's errors that were removed from the samples.
         candidates: spans that looked still, accepted or not.
         converged: whether the iterations converged.
         leg_residuals: the legs' whitened residuals (m - 1, 9), and the covariance (m - 1, 9, 9) of their predictions by
@@ -73,9 +67,7 @@ class Solution:
     still_weight: Array
     solved: Solved
     path: Path
-    lag: float
-    scale: float
-    hard_iron: Array
+    removed: LargeErrors
     candidates: Spans
     converged: bool
     leg_residuals: tuple[Array, Array] | None = None
@@ -109,24 +101,23 @@ def smooth(
     Raises:
         TrackingError: there is neither a gyro nor the device's attitude.
     """
-    lag, scale, hard_iron, azimuth = 0.0, 0.0, np.zeros(3), 0.0
+    removed, prior = LargeErrors(), wide_prior(noise)
     stops: Spans | None = None
     drift: Array | float = 0.0  # rad/s, of the gyro's bias since the first rest
-    no_gyro = recording.gyr is None
-    prior = Prior(noise.lag, noise.wide_lag_sigma, WIDE_SCALE_SIGMA)
+    no_gyro, all_gaps = recording.gyr is None, (*gaps, *still_gaps)
 
     # A knot right after lost motion: the unknown turn is too large to linearise over a longer leg.
     extra_rows = [*extra_rows, *(min(lost.row + 1, len(recording) - 1) for lost in lost_motion)]
 
     def build(stops: Spans) -> Problem:
-        mag = None if recording.mag is None else recording.mag - hard_iron
         return build_problem(
-            *(frame, mag, rest, noise, stops, still_sigma, density, extra_rows, lost_motion, gaps, still_gaps),
+            *(frame, without.mag, rest, noise, stops, still_sigma, density, extra_rows, lost_motion, gaps, still_gaps),
             no_gyro=no_gyro,
         )
 
-    for _ in range(4):
-        frame = frame_of(_without_lag_and_scale(recording, lag, scale), rest.gyro_bias * (1.0 + scale))
+    for last in (*(False,) * (MAX_PASSES - 1), True):
+        without = removed.removed_from(recording)
+        frame = frame_of(without, rest.gyro_bias * (1.0 + removed.scale))
         window = min(max(2, round(ENERGY_WINDOW_S / frame.dt)), len(frame.t))
         # The device's own attitude follows a turn late. So without a gyro, specific force is judged in sensor axes.
         force, rate = (frame.acc, np.zeros_like(frame.acc)) if no_gyro else (frame.u, frame.gyr)
@@ -135,15 +126,15 @@ def smooth(
             stops = find_candidates(frame.t, frame.dt, energy, rest, gaps)
         still_sigma = zero_velocity_sigma(energy, len(frame.t), frame.dt, noise)
         del energy  # of a long recording it is large
-        density = row_noise(frame, rest, noise, (*gaps, *still_gaps), no_gyro)
+        density = row_noise(frame, rest, noise, all_gaps, no_gyro)
         if not stops:
             return None
         problem = build(stops)
         if not problem.stops:
             return None
-        initial, fixed = _initial_state(problem, prior, azimuth)
+        initial, fixed = _initial_state(problem, prior, removed.azimuth)
         found = descend(problem, initial, fixed, ANNEALING)
-        if no_gyro:
+        if no_gyro or last:
             break
         if np.abs(found.x.gyr_bias).max() > DRIFTED_SHARE * QUIET_GYR:  # later rests seem to turn
             drift = interpolate(frame.t, problem.t, found.x.gyr_bias)
@@ -151,27 +142,21 @@ def smooth(
             if sum(stop - start for start, stop in more) > sum(stop - start for start, stop in stops):
                 stops = more
                 continue
-        more_lag, more_scale = _large_lag_and_scale(found.x, found.solved)
-        if lag and abs(lag + more_lag) < REMOVED_LAG:  # the opposite lag is left: the removed one was not real
-            more_lag, prior = -lag, replace(prior, lag=noise.lag, lag_sigma=noise.lag_sigma)
-        iron = None if recording.mag is None or hard_iron.any() else find_hard_iron(problem, recording.mag, found.x)
-        # A lag outside the wide prior is another fault.
-        if not (more_lag or more_scale or iron) or abs(lag + more_lag) > OUTLIER_SIGMAS * noise.wide_lag_sigma:
+        large = find_large_errors(problem, found, recording.mag, removed, prior)
+        if large is None:
             break
-        hard_iron, azimuth = iron or (hard_iron, azimuth)
-        lag, scale = lag + more_lag, (1.0 + scale) * (1.0 + more_scale) - 1.0
-    narrow = Prior(noise.lag if lag == 0.0 else 0.0, noise.lag_sigma)
+        removed, prior = large
+    narrow = Prior(noise.lag if removed.lag == 0.0 else 0.0, noise.lag_sigma)
     # The model is linear in lag and scale, so the prior can be exchanged without a new linearisation.
     change = shared_prior(problem, found.at, narrow) - shared_prior(problem, found.at, prior)
     found, fixed = replace(found, solved=found.solved.plus(change)), replace(fixed, prior=narrow)
     if not found.converged:
         found = descend(problem, found.x, fixed)
-    path = path_of(problem, found.x)
-    candidates: Spans = stops or []
+    path, candidates = path_of(problem, found.x), stops or Spans()
     cut = np.zeros(len(candidates), dtype=np.bool_)
     for _ in range(MAX_RECUTS):
         cut = cut | doubted_stops(problem, found.still_weight, candidates)
-        stops = revised_stops(problem, path.v, found.solved, candidates, cut, still_sigma, (*gaps, *still_gaps))
+        stops = revised_stops(problem, path.v, found.solved, candidates, cut, still_sigma, all_gaps)
         if not stops:
             break
         if settled(problem.frame.t, problem.stops, stops):
@@ -187,33 +172,8 @@ def smooth(
         found = descend(problem, x, fixed, ANNEALING[-1:])
         path = path_of(problem, found.x)
     return Solution(
-        *(problem, found.x, fixed, found.still_weight, found.solved, path, lag, scale, hard_iron),
-        *(candidates, found.converged),
+        *(problem, found.x, fixed, found.still_weight, found.solved, path, removed, candidates, found.converged)
     )
-
-
-def _without_lag_and_scale(recording: Recording, lag: float, scale: float) -> Recording:
-    """The recording without the gyro's lag (s) and common scale error."""
-    if recording.gyr is None or (lag == 0.0 and scale == 0.0):
-        return recording
-    gyr = interpolate(recording.t + lag, recording.t, recording.gyr) * (1.0 + scale)
-    return replace(recording, gyr=gyr)
-
-
-def _large_lag_and_scale(x: State, solved: Solved) -> tuple[float, float]:
-    """The lag (s) and the common scale error, each if it is significant and too large for a linear model; else 0.
-
-    Before it has settled, an estimate far from the truth may look significant: the last step must be below a sigma.
-    """
-    i, step = np.arange(SHARED), solved.d_shared
-    tau, sigma = float(x.shared[LAG][0]), float(np.sqrt(solved.shared[0, 0]))
-    away = tau - Noise.lag
-    lag = tau if abs(away) > max(REMOVED_LAG, OUTLIER_SIGMAS * sigma) and abs(step[LAG][0]) < sigma else 0.0
-    diagonal = i[GYR_MATRIX][::4]
-    more_scale = -float(x.shared[diagonal].mean())  # w_true = (1 - M) w
-    sigma = float(np.sqrt(solved.shared[np.ix_(diagonal, diagonal)].mean()))
-    large = abs(more_scale) > max(REMOVED_SCALE, SCALE_OUTLIER_SIGMAS * sigma)
-    return lag, more_scale if large and abs(step[diagonal].mean()) < sigma else 0.0
 
 
 def _origin_knot(problem: Problem) -> int:

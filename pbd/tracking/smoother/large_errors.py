@@ -1,0 +1,97 @@
+"""Errors of the sensor that are too large for a linear model: the gyro's lag and common scale, and hard iron.
+
+A first solution with wide priors finds them. They are removed from the samples, which are then smoothed anew.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from pbd.data import Recording
+from pbd.data.streams import interpolate
+from pbd.pose import Array
+from pbd.tracking.noise import OUTLIER_SIGMAS, Noise
+from pbd.tracking.smoother.gauss_newton import Descent
+from pbd.tracking.smoother.hard_iron import find_hard_iron
+from pbd.tracking.smoother.knots import Problem
+from pbd.tracking.smoother.normal_equations import Solved
+from pbd.tracking.smoother.preintegration import GYR_MATRIX, LAG
+from pbd.tracking.smoother.state import SHARED, Prior, State
+
+REMOVED_LAG = 0.005
+"""s: smallest lag of the gyro that is removed from the samples."""
+
+WIDE_SCALE_SIGMA, REMOVED_SCALE, SCALE_OUTLIER_SIGMAS = 0.15, 0.05, 5.0
+"""Scale error common to the gyro's axes (0.05: 5 %). A wrong clock looks like such an error.
+One sigma of its wide prior; smallest error that is removed from the samples; the error's least ratio to its sigma."""
+
+
+@dataclass(frozen=True, eq=False)
+class LargeErrors:
+    """What is removed from the samples.
+
+    Attributes:
+        lag: s, of the gyro's time stamps.
+        scale: the gyro's readings are multiplied by 1 + scale.
+        hard_iron: (3,) in the unit of the magnetic field.
+        azimuth: rad, how far the field without hard iron points east of the field at the first rest.
+    """
+
+    lag: float = 0.0
+    scale: float = 0.0
+    hard_iron: Array = field(default_factory=lambda: np.zeros(3))
+    azimuth: float = 0.0
+
+    def removed_from(self, recording: Recording) -> Recording:
+        """The recording without these errors."""
+        gyr, mag = recording.gyr, recording.mag
+        if gyr is not None and (self.lag != 0.0 or self.scale != 0.0):
+            gyr = interpolate(recording.t + self.lag, recording.t, gyr) * (1.0 + self.scale)
+        if mag is not None and self.hard_iron.any():
+            mag = mag - self.hard_iron
+        return replace(recording, gyr=gyr, mag=mag)
+
+
+def wide_prior(noise: Noise) -> Prior:
+    """The prior of a first solution, in which lag and scale may be large."""
+    return Prior(noise.lag, noise.wide_lag_sigma, WIDE_SCALE_SIGMA)
+
+
+def find_large_errors(
+    problem: Problem, found: Descent, mag: Array | None, removed: LargeErrors, prior: Prior
+) -> tuple[LargeErrors, Prior] | None:
+    """Find large errors that are left; return all that are to be removed, and the prior of the next solution.
+
+    Args:
+        found: the solution of `problem` with this `prior`.
+        mag: (n, 3), the magnetic field as measured, or None.
+        removed: what was removed before.
+    """
+    noise, lag = problem.noise, removed.lag
+    more_lag, more_scale = _large_lag_and_scale(found.x, found.solved)
+    if lag and abs(lag + more_lag) < REMOVED_LAG:  # the opposite lag is left: the removed one was not real
+        more_lag, prior = -lag, replace(prior, lag=noise.lag, lag_sigma=noise.lag_sigma)
+    iron = None if mag is None or removed.hard_iron.any() else find_hard_iron(problem, mag, found.x)
+    # A lag outside the wide prior is another fault.
+    if not (more_lag or more_scale or iron) or abs(lag + more_lag) > OUTLIER_SIGMAS * noise.wide_lag_sigma:
+        return None
+    scale = (1.0 + removed.scale) * (1.0 + more_scale) - 1.0
+    return LargeErrors(lag + more_lag, scale, *(iron or (removed.hard_iron, removed.azimuth))), prior
+
+
+def _large_lag_and_scale(x: State, solved: Solved) -> tuple[float, float]:
+    """The lag (s) and the common scale error, each if it is significant and too large for a linear model; else 0.
+
+    Before it has settled, an estimate far from the truth may look significant: the last step must be below a sigma.
+    """
+    i, step = np.arange(SHARED), solved.d_shared
+    tau, sigma = float(x.shared[LAG][0]), float(np.sqrt(solved.shared[0, 0]))
+    away = tau - Noise.lag
+    lag = tau if abs(away) > max(REMOVED_LAG, OUTLIER_SIGMAS * sigma) and abs(step[LAG][0]) < sigma else 0.0
+    diagonal = i[GYR_MATRIX][::4]
+    more_scale = -float(x.shared[diagonal].mean())  # w_true = (1 - M) w
+    sigma = float(np.sqrt(solved.shared[np.ix_(diagonal, diagonal)].mean()))
+    large = abs(more_scale) > max(REMOVED_SCALE, SCALE_OUTLIER_SIGMAS * sigma)
+    return lag, more_scale if large and abs(step[diagonal].mean()) < sigma else 0.0
