@@ -1,7 +1,7 @@
 """Calibrate a sensor's errors from one recording in which it is put down in several orientations."""
 
 import shlex
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -75,42 +75,16 @@ def calibrate_sensor(
         UsageError: `only` names something else, or gravity is none on Earth.
         WrongTypeError: `recording` is no Recording.
     """
-    require_kind("recording", recording, "a Recording", isinstance(recording, Recording))
-    if isinstance(only, str) or not set(only) <= set(KINDS):
-        raise UsageError(f"only must be a tuple of some of {', '.join(KINDS)}, got {only!r:.60}", value=only)
-    least, most = GRAVITY_ON_EARTH
-    if not least <= gravity <= most:
-        raise UsageError(f"gravity must be from {least} to {most} m/s2, got {gravity:g}", value=gravity)
-    if lost := [name for name, read in recording.channels.items() if name != "mag" and not np.isfinite(read).all()]:
-        what = f"'{recording.info.name}' lacks readings of {', '.join(lost)}"
-        raise CalibrationError(f"{what}; fill them (pbd.tracking.repair.repair_recording), or record again")
+    _refuse_arguments(recording, gravity, only)
+    wanted = only or KINDS
     known = SensorErrors(recording.info.sensor) if known is None else known
     refuse_other_sensor(f"'{recording.info.name}'", recording.info.sensor, known)
-    wanted = only or KINDS
     rests = find_rests(recording)
     name = known.sensor if recording.info.sensor == "unknown" else recording.info.sensor
     errors = replace(known, sensor=name, temperature_c=temperature_c)
-    remarks: list[str] = []
-    if rests.turning:
-        remarks.append(
-            f"{counted(rests.turning, 'rest')} of {len(rests) + rests.turning} left out: the gyro reads more than 0.3 "
-            "degrees/s other than at most rests; it turned slowly, or its bias drifts: let it warm up, record again"
-        )
     acc = fit_accelerometer(rests, gravity) if "acc" in wanted else None
     if acc is not None:
         errors = replace(errors, acc=acc.linear, gravity=gravity)
-        if acc.misfit > WARNED_MISFIT * TRUSTED_ACC:
-            at = " or ".join(f"{recording.t[row]:.1f} s" for row in rests.start[acc.suspects])
-            remarks.append(
-                f"the rests contradict each other by {acc.misfit / MG:.0f} mg (rms): the sensor was not still in a "
-                f"rest{f' (that at {at} alone would explain it)' if at else ''}, or its bias drifted; let it warm up, "
-                "lay it on a table, and record again"
-            )
-        if acc.undetermined:
-            remarks.append(
-                f"{amount(acc.orientations, 'orientation')} can't determine {', '.join(acc.undetermined)}: they are "
-                "kept near zero; to measure all of them, put each of the six sides and six edges up"
-            )
     force = rests.acc if errors.acc is None else errors.acc.correct(rests.acc)
     up: Array = force / np.linalg.norm(force, axis=1, keepdims=True)  # best available vertical
     leaning = up_sigma(errors.acc)
@@ -120,31 +94,74 @@ def calibrate_sensor(
         if known.gyr is not None and acc is None and not gyr.matrix_sigma < earlier:
             gyr = replace(gyr, matrix=known.gyr.matrix, matrix_sigma=known.gyr.matrix_sigma)
         errors = replace(errors, gyr=gyr)
-    mag = None
+    mag, left_out = None, ""
     if "mag" in wanted and (recording.mag is not None or "mag" in only):
         if recording.mag is None:
             raise CalibrationError("the recording has no magnetometer; record one, or leave it out of --only")
         try:
             mag = fit_magnetometer(recording.mag, rests, up, leaning)
+            errors = replace(errors, mag=mag.linear, field=mag.field, dip=mag.dip)
         except CalibrationError as reason:
             if "mag" in only:
                 raise
-            remarks.append(f"the magnetometer is left out: {reason}")
-        else:
-            errors = replace(errors, mag=mag.linear, field=mag.field, dip=mag.dip)
-            if mag.uneven > UNEVEN_FIELD or mag.heading > DISTURBED_HEADING:
-                remarks.append(
-                    f"the corrected magnetic field varies by {100.0 * mag.uneven:.0f} % in strength and by "
-                    f"{np.degrees(mag.dip_uneven):.1f} degrees in dip, so headings will be wrong: check the axes and "
-                    "signs of mx, my, mz, move away from iron and motors, and turn every side up; calibrate again"
-                )
-            elif mag.turned > OTHER_AXES:
-                remarks.append(
-                    f"the magnetometer's axes are turned by {in_degrees(mag.turned)} against the accelerometer's: mx, "
-                    "my, mz have wrong names or signs; this is corrected, but north may be south; to mend it, name its "
-                    "columns when you import, and calibrate again"
-                )
-    return SensorFit(errors, rests, acc, mag, tuple(remarks))
+            left_out = f"the magnetometer is left out: {reason}"
+    remarks = (*_remarks_on_rests(rests), *_remarks_on_acc(recording, rests, acc), *_remarks_on_mag(mag), left_out)
+    return SensorFit(errors, rests, acc, mag, tuple(filter(None, remarks)))
+
+
+def _refuse_arguments(recording: Recording, gravity: float, only: Collection[str]) -> None:
+    """Refuse wrong arguments of `calibrate_sensor`, and a recording that lacks readings."""
+    require_kind("recording", recording, "a Recording", isinstance(recording, Recording))
+    if isinstance(only, str) or not set(only) <= set(KINDS):
+        raise UsageError(f"only must be a tuple of some of {', '.join(KINDS)}, got {only!r:.60}", value=only)
+    least, most = GRAVITY_ON_EARTH
+    if not least <= gravity <= most:
+        raise UsageError(f"gravity must be from {least} to {most} m/s2, got {gravity:g}", value=gravity)
+    if lost := [name for name, read in recording.channels.items() if name != "mag" and not np.isfinite(read).all()]:
+        what = f"'{recording.info.name}' lacks readings of {', '.join(lost)}"
+        raise CalibrationError(f"{what}; fill them (pbd.tracking.repair.repair_recording), or record again")
+
+
+def _remarks_on_rests(rests: Rests) -> Iterator[str]:
+    if rests.turning:
+        yield (
+            f"{counted(rests.turning, 'rest')} of {len(rests) + rests.turning} left out: the gyro reads more than 0.3 "
+            "degrees/s other than at most rests; it turned slowly, or its bias drifts: let it warm up, record again"
+        )
+
+
+def _remarks_on_acc(recording: Recording, rests: Rests, acc: AccelerometerFit | None) -> Iterator[str]:
+    if acc is None:
+        return
+    if acc.misfit > WARNED_MISFIT * TRUSTED_ACC:
+        at = " or ".join(f"{recording.t[row]:.1f} s" for row in rests.start[acc.suspects])
+        yield (
+            f"the rests contradict each other by {acc.misfit / MG:.0f} mg (rms): the sensor was not still in a "
+            f"rest{f' (that at {at} alone would explain it)' if at else ''}, or its bias drifted; let it warm up, "
+            "lay it on a table, and record again"
+        )
+    if acc.undetermined:
+        yield (
+            f"{amount(acc.orientations, 'orientation')} can't determine {', '.join(acc.undetermined)}: they are "
+            "kept near zero; to measure all of them, put each of the six sides and six edges up"
+        )
+
+
+def _remarks_on_mag(mag: MagnetometerFit | None) -> Iterator[str]:
+    if mag is None:
+        return
+    if mag.uneven > UNEVEN_FIELD or mag.heading > DISTURBED_HEADING:
+        yield (
+            f"the corrected magnetic field varies by {100.0 * mag.uneven:.0f} % in strength and by "
+            f"{np.degrees(mag.dip_uneven):.1f} degrees in dip, so headings will be wrong: check the axes and "
+            "signs of mx, my, mz, move away from iron and motors, and turn every side up; calibrate again"
+        )
+    elif mag.turned > OTHER_AXES:
+        yield (
+            f"the magnetometer's axes are turned by {in_degrees(mag.turned)} against the accelerometer's: mx, "
+            "my, mz have wrong names or signs; this is corrected, but north may be south; to mend it, name its "
+            "columns when you import, and calibrate again"
+        )
 
 
 def corrected(recording: Recording, errors: SensorErrors | None) -> Recording:
