@@ -3,13 +3,14 @@
 import argparse
 import shlex
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 
 from pbd.calibration.correspondence import match_points
 from pbd.calibration.dock import lever_figure, placing_covariance, refuse_tilted, warn_of_doubts
 from pbd.calibration.field_uniformity import field_at_start, field_spread, heading_changes
-from pbd.calibration.points import POOR_CHI2, fit_points, refuse_shape
+from pbd.calibration.points import POOR_CHI2, PointFit, fit_points, refuse_shape
 from pbd.calibration.registration import PointObservations, observe_points
 from pbd.calibration.rests import rms
 from pbd.cli.calibrate.replacing import judge_fit, keep_other_start
@@ -56,22 +57,13 @@ def run(args: argparse.Namespace) -> None:
         )
     if part == "dock":
         refuse_tilted(fit.T_base_nav)
-    order = " and the order (--any-order finds it)" if args.stops is None and not args.any_order else ""
-    for name, stop, off, good in zip(points.names, touched.stops, fit.left_out, fit.used, strict=True):
-        if not good:
-            warn(
-                f"the point '{name}' (stop {stop}) is wrong: it lies {100.0 * np.linalg.norm(off):.1f} cm from where "
-                f"the other points put it, so it is left out; check its coordinates{order}, or touch it again"
-            )
+    _warn_of_wrong_points(args, points, touched, fit)
     heading, tan_dip = _report_heading(args, recording, keyframes, calibration, part)
 
     pose = fit.T_base_nav
     if part == "dock":
         pose = pose @ Pose(np.zeros(3), keyframes[0].T_nav_sensor.wxyz)  # nav's origin is the sensor at its first rest
-    off_mm, left_out_mm = (1e3 * np.linalg.norm(each[list(fit.used)], axis=1) for each in (fit.residuals, fit.left_out))
-    figures: dict[str, float] = {"points": len(off_mm), "rms_mm": round(rms(off_mm), 2)}
-    figures |= {"left_out_rms_mm": round(rms(left_out_mm), 2), "chi2": round(fit.chi2, 3)}
-    figures |= lever_figure(calibration)
+    figures = _figures(fit) | lever_figure(calibration)
     if heading is not None and recording.mag is not None:
         level, up = field_at_start(hand, recording.mag)
         figures |= {"heading_deg": round(float(np.degrees(heading)), 2), "field_level": round(level, 3)}
@@ -79,27 +71,20 @@ def run(args: argparse.Namespace) -> None:
     cov = fit.cov.copy()
     if part == "nav" and heading is not None:
         cov[5, 5] += heading**2  # the heading differs between demonstrations by this sigma
-    worse = f"{np.sqrt(fit.chi2):.1f} times"
-    what = f"the points fit {worse} worse than the tracker's uncertainty predicts"
-    again = "touch them again, more calmly, or correct their coordinates, the tip in [mount]"
-    if calibration.scale != 1.0 and not args.find_scale:
-        again += f" or the scale of {calibration.scale:g} there (--find-scale finds it)"
-    again += "" if args.free else "; a tilted base needs --free"
-    known = calibration.T_base_nav if part == "nav" else calibration.T_base_dock
-    before = calibration if known is not None and not args.force else None
-    judge_fit(path, before, f"{part}.chi2", fit.chi2, what, again)
+    _judge(args, path, calibration, part, fit)
     later = placing_covariance(args.sigma_mm, args.sigma_deg if part == "dock" or heading is None else 0.0)
     values = pose_values(pose, "in base", cov + later) | {"fit": (figures, ""), "any_attitude": (None, "")}
     update_calibration(path, {part: values}, scale=fit.scale if args.find_scale else None)
     sigma = one_sigma(cov)
+    columns = points.names, touched.stops, fit.residuals, fit.left_out, fit.left_out_sigma, fit.used
     if args.json:
         rpy_deg = np.degrees(quat_to_rpy(pose.wxyz))
         where = {"position_m": pose.p, "rpy_deg": rpy_deg} | sigma_json(sigma)
         keys = "name", "stop", "residual_m", "left_out_m", "left_out_sigma_m", "used"
-        columns = points.names, touched.stops, fit.residuals, fit.left_out, fit.left_out_sigma, fit.used
         rows = [dict(zip(keys, each, strict=True)) for each in zip(*columns, strict=True)]
-        return print_json({"calibration": str(path), part: where, "scale": fit.scale, "points": rows, "fit": figures})
-    print_table(points_table(points.names, touched.stops, fit.residuals, fit.left_out, fit.left_out_sigma, fit.used))
+        print_json({"calibration": str(path), part: where, "scale": fit.scale, "points": rows, "fit": figures})
+        return
+    print_table(points_table(*columns))
     if not touched.lever.any():
         say(f"{path} has no lever in [mount]: assuming that the sensor itself touched the points")
     x, y, z = pose.p
@@ -109,20 +94,56 @@ def run(args: argparse.Namespace) -> None:
         + (f"; scale {fit.scale:.4f} to {fit.scale_sigma:.4f}" if args.find_scale else "")
     )
     if fit.chi2 <= POOR_CHI2:
-        say(f"the points fit as expected ({worse} the tracker's uncertainty)")
+        say(f"the points fit as expected ({_misfit(fit)} the tracker's uncertainty)")
+    # The accelerometer's bias tilts nav in another direction where the sensor starts with another heading.
+    of_tilt_deg = tan_dip * float(np.degrees(np.sqrt(np.trace(keyframes[0].cov[3:5, 3:5]))))
+    _say_where_it_holds(args, part, float(np.degrees(sigma[5])), of_tilt_deg)
+
+
+def _warn_of_wrong_points(args: argparse.Namespace, points: Points, touched: PointObservations, fit: PointFit) -> None:
+    order = " and the order (--any-order finds it)" if args.stops is None and not args.any_order else ""
+    for name, stop, off, good in zip(points.names, touched.stops, fit.left_out, fit.used, strict=True):
+        if not good:
+            warn(
+                f"the point '{name}' (stop {stop}) is wrong: it lies {100.0 * np.linalg.norm(off):.1f} cm from where "
+                f"the other points put it, so it is left out; check its coordinates{order}, or touch it again"
+            )
+
+
+def _figures(fit: PointFit) -> dict[str, float]:
+    """How well the points fit, as the calibration file has it."""
+    off_mm, left_out_mm = (1e3 * np.linalg.norm(each[list(fit.used)], axis=1) for each in (fit.residuals, fit.left_out))
+    figures = {"points": len(off_mm), "rms_mm": round(rms(off_mm), 2), "left_out_rms_mm": round(rms(left_out_mm), 2)}
+    return figures | {"chi2": round(fit.chi2, 3)}
+
+
+def _misfit(fit: PointFit) -> str:
+    return f"{np.sqrt(fit.chi2):.1f} times"
+
+
+def _judge(args: argparse.Namespace, path: Path, calibration: Calibration, part: str, fit: PointFit) -> None:
+    """Refuse or warn of points that fit badly (`judge_fit`)."""
+    what = f"the points fit {_misfit(fit)} worse than the tracker's uncertainty predicts"
+    again = "touch them again, more calmly, or correct their coordinates, the tip in [mount]"
+    if calibration.scale != 1.0 and not args.find_scale:
+        again += f" or the scale of {calibration.scale:g} there (--find-scale finds it)"
+    again += "" if args.free else "; a tilted base needs --free"
+    known = calibration.T_base_nav if part == "nav" else calibration.T_base_dock
+    before = calibration if known is not None and not args.force else None
+    judge_fit(path, before, f"{part}.chi2", fit.chi2, what, again)
+
+
+def _say_where_it_holds(args: argparse.Namespace, part: str, sigma_deg: float, of_tilt_deg: float) -> None:
+    """Say for which demonstrations the start holds; both angles are sigmas of nav's heading, degrees."""
     there = f"at that point (to {args.sigma_mm:g} mm: --sigma-mm)"
     angle = amount(args.sigma_deg, "degree", "g")
     turned = "" if part == "nav" else f" and with the same rotation (to {angle}: --sigma-deg)"
-    # The accelerometer's bias tilts nav in another direction where the sensor starts with another heading.
-    of_tilt_deg = tan_dip * np.degrees(np.sqrt(np.trace(keyframes[0].cov[3:5, 3:5])))
     if part == "nav" and of_tilt_deg > REPORTED_DEG:
-        known_deg = np.hypot(np.degrees(sigma[5]), of_tilt_deg)
         turned = (
-            f"; with another heading there, nav's is known to {known_deg:.1f} degrees only: `pbd calibrate sensor` "
-            "betters that"
+            f"; with another heading there, nav's is known to {np.hypot(sigma_deg, of_tilt_deg):.1f} degrees only: "
+            "`pbd calibrate sensor` betters that"
         )
     say(f"this holds for later demonstrations that start with the sensor's first rest {there}{turned}")
-    return None
 
 
 def _report_heading(
