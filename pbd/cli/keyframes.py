@@ -2,6 +2,7 @@
 
 import argparse
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from os.path import commonprefix
 from typing import Any
@@ -23,7 +24,7 @@ from pbd.cli.common import (
     track_demonstration,
 )
 from pbd.cli.console import say
-from pbd.data import Demonstration, Keyframe, SensorEstimate
+from pbd.data import Demonstration, Keyframe, Robot, SensorEstimate
 from pbd.data.covariance import keyframe_sigmas
 from pbd.data.keyframe import thing_carriers
 from pbd.errors import RecordingError, UsageError, listed
@@ -36,6 +37,9 @@ from pbd.planning.result import place_remark, size_remark
 from pbd.pose import Array, Pose
 from pbd.view.calibration_tables import base_table
 from pbd.view.terminal_tables import joints_table, keyframes_table, print_table
+
+Rows = list[dict[str, Any]]
+"""The keyframes as the JSON has them."""
 
 
 def run(args: argparse.Namespace) -> None:
@@ -61,11 +65,7 @@ def run(args: argparse.Namespace) -> None:
         placed = in_base(keyframes, calibration, args.scale, path, args.orientation)
     below: list[str | Table] = []  # what is printed below the keyframes
     if placed is not None and args.calibration:
-        base = touched_poses(placed), base_sigmas(touched_covariances(placed))
-        for row, pose, sigma_base in zip(rows, *base, strict=True):
-            row |= _pose(pose) | sigma_base
-        what = "uncertainty of the tool in base, one sigma; right columns: by source (rms over axes)"
-        below += [f"\n{what}", base_table(rows, args.units)]
+        below += _add_base(args, rows, placed)
     inside = _success(args, placed)
     if inside is not None:
         for row, probability in zip(rows, inside.of_each, strict=True):
@@ -73,14 +73,7 @@ def run(args: argparse.Namespace) -> None:
         below.append(f"\nprobability that all keyframes are within the tolerance: {inside.band}")
     if robot is not None and calibration is not None:
         solved = solve_keyframes(robot, keyframes, calibration, plan_options(args, robot), path)
-        for row, pose, q, off in zip(rows, *solved, strict=True):
-            row |= _pose(pose) | {"joints": q}
-            row["off_deg"] = [math.degrees(angle) for angle in off]  # approach axis, then about it: arms of 5 joints
-        common = commonprefix(robot.joints)  # noqa: RUF071  # a prefix of letters, not of path components
-        prefix = "" if args.csv else "".join(common.rpartition("_")[:2])
-        names = [name.removeprefix(prefix) for name in robot.joints]
-        joints = joints_table(names, rows, args.units, (arm_of(robot).turns == 0.0).tolist())
-        below += [f"\nthe joints' names begin with {prefix}" if prefix else "", joints]
+        below += _add_joints(args, rows, robot, *solved)
         for remark in place_remark(robot, calibration, args.calibration), size_remark(robot, calibration, args.scale):
             if remark:
                 say(remark)
@@ -98,6 +91,29 @@ def run(args: argparse.Namespace) -> None:
     if print_result(args, result, table, *(each for each in below if isinstance(each, Table))):
         for each in below:
             print(each) if isinstance(each, str) else print_table(each)
+
+
+def _add_base(args: argparse.Namespace, rows: Rows, placed: KeyframesInBase) -> list[str | Table]:
+    """Add the tool's poses in base and their uncertainty to the rows; return what to print of them."""
+    base = touched_poses(placed), base_sigmas(touched_covariances(placed))
+    for row, pose, sigma_base in zip(rows, *base, strict=True):
+        row |= _pose(pose) | sigma_base
+    what = "uncertainty of the tool in base, one sigma; right columns: by source (rms over axes)"
+    return [f"\n{what}", base_table(rows, args.units)]
+
+
+def _add_joints(
+    args: argparse.Namespace, rows: Rows, robot: Robot, poses: Sequence[Pose], q: Array, off: Array
+) -> list[str | Table]:
+    """Add the tool's poses, the joints (n, k) and the rotations (n, 2) that are missed to the rows, as _add_base."""
+    for row, pose, joints, missed in zip(rows, poses, q, off, strict=True):
+        row |= _pose(pose) | {"joints": joints}
+        row["off_deg"] = [math.degrees(angle) for angle in missed]  # approach axis, then about it: arms of 5 joints
+    common = commonprefix(robot.joints)  # noqa: RUF071  # a prefix of letters, not of path components
+    prefix = "" if args.csv else "".join(common.rpartition("_")[:2])
+    names = [name.removeprefix(prefix) for name in robot.joints]
+    table = joints_table(names, rows, args.units, (arm_of(robot).turns == 0.0).tolist())
+    return [f"\nthe joints' names begin with {prefix}" if prefix else "", table]
 
 
 def _success(args: argparse.Namespace, placed: KeyframesInBase | None) -> Success | None:
