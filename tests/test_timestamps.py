@@ -272,6 +272,23 @@ def test_scattered_losses_neither_bias_the_interval_nor_are_noticed_late() -> No
     assert np.median(np.diff(times)) == pytest.approx(1.0 / HZ, rel=1e-4)
 
 
+def test_losses_one_soon_after_the_other_keep_their_places() -> None:
+    """All losses of 0.1 s were put before one sample."""
+    true = np.delete(np.arange(1000), [500, 505, 900, 903, 904]) / HZ
+    t, lost = straighten(true)
+    assert lost == 5
+    assert t == pytest.approx(true, abs=1e-6)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_loss_in_most_blocks_does_not_lengthen_the_interval(seed: int) -> None:
+    """Of 16 samples in turn usually one is lost: the interval was 6 % too long."""
+    rng = np.random.default_rng(seed)
+    true = np.arange(3000)[rng.random(3000) > 0.06] / HZ
+    t, _ = straighten(np.maximum.accumulate(true + rng.exponential(0.001, len(true))))
+    assert np.median(np.diff(t)) == pytest.approx(1.0 / HZ, rel=1e-3)
+
+
 def test_a_sample_that_waits_alone_is_no_loss() -> None:
     """It is held back until the next one, which is on time."""
     arrival = np.arange(300) / HZ
