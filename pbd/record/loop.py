@@ -113,6 +113,11 @@ def _run(session: Session, reader: Reader, poll: Poll, show: Callable[[Status], 
                 raise gone or _no_samples_error(session, reader)
             session.begin()
         session.flush()
+        unheard_s = reader.latest - max(session.heard, reader.opened, watch.resumed)
+        if reader.port.baud and session.demo is not None and unheard_s > SILENT_S:
+            return (
+                f"no sample of {options.sensor} in the bytes of {SILENT_S:g} s: does it now send at another baud rate?"
+            )
         if gone or (not pieces and silent_s > (reader.port.patience_s or SILENT_S)):
             why = f"sensor silent for {SILENT_S:g} s" if not gone else reader.port.trouble or "sensor unplugged"
             if not options.reconnect:

@@ -42,6 +42,7 @@ class Session:
     Attributes:
         demo: writes the demonstration; None before the first samples.
         t: time of the latest sample, s.
+        heard: arrival of the latest sample on the host's clock, s; 0 before the first.
         closed: whether the grip is closed.
         backup: the demonstration that this one replaces, or None.
     """
@@ -50,7 +51,7 @@ class Session:
         self.decoder, self.options = decoder, options
         self.feedback = Feedback(options.tolerance_m, options.errors, options.sensor)
         self.demo: RecordingWriter | None = None
-        self.t = 0.0
+        self.t = self.heard = 0.0
         self.closed = False
         self.discarded = False
         self.first_bytes = b""
@@ -68,6 +69,7 @@ class Session:
         """Decode bytes that arrived at `arrival` s; stamp and store their samples."""
         for decoded in self.decoder.feed(data):
             if decoded.acc is not None:
+                self.heard = arrival
                 self._add(self._clock.take(decoded, decoded.t_device, arrival))
         while self._presses < self.decoder.tally.presses:
             self._presses += 1

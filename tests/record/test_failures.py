@@ -98,6 +98,18 @@ def test_what_came_before_a_silence_is_kept(tmp_path: Path, monkeypatch: pytest.
     assert read_demo(tmp_path / "tea").recording.acc == pytest.approx(hand.acc[:10], abs=1e-5)
 
 
+def test_bytes_that_are_no_samples_any_more_end_the_recording(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """They went on for ever, as of a sensor whose baud rate changed, and nobody was told."""
+    monkeypatch.setattr(loop, "SILENT_S", 0.8)
+    hand, speaker = random_hand(100, seed=1), SPEAKERS["xsens"]
+    packets = [speaker.encode(hand, row) for row in range(100)]
+    with Device([*packets, *[b"\xf0\x0f"] * 1000], 100.0) as device:
+        wanted = RecordOptions(tmp_path / "tea", "xsens", "2026-01-02T03:04:05Z")
+        outcome = record(lambda: opened(device), speaker.decoder(), wanted, lambda: None, lambda status: None)
+    assert outcome.ended_by.startswith("no sample of xsens in the bytes of 0.8 s")
+    assert outcome.samples == len(read_demo(tmp_path / "tea").recording) == 100
+
+
 def test_what_came_before_a_bug_is_kept(tmp_path: Path) -> None:
     hand, speaker = random_hand(60, seed=1), SPEAKERS["xsens"]
     with Device([speaker.encode(hand, row) for row in range(10)], 100.0) as device:
