@@ -68,13 +68,6 @@ def test_a_dock_that_is_moved_stays_turned_as_it_was(capsys: Capture) -> None:
     assert "(0.0, 0.0, 0.0) degrees, as given; " in run(capsys, *moved)[2]
 
 
-def test_a_dock_that_is_moved_tells_a_sigma_that_was_another(capsys: Capture) -> None:
-    assert "sigma" not in run(capsys, *DOCK, "--sigma-mm", "1")[2]
-    assert "sigma" not in run(capsys, *DOCK, "--sigma-mm", "1")[2]
-    assert ", as given, sigma now 3 mm and 1 degree; " in run(capsys, *DOCK)[2]
-    assert "sigma" not in run(capsys, *DOCK)[2]
-
-
 def test_a_dock_where_the_robot_stands(capsys: Capture) -> None:
     """The tool at the dock is where forward kinematics puts it, with the mount of the file."""
     Path("calibration").mkdir()

@@ -45,14 +45,9 @@ def run(args: argparse.Namespace) -> None:
     update_calibration(path, {"dock": values}, robots=(robot.name,) if robot else ())
     rpy_deg = np.degrees(quat_to_rpy(T_base_dock.wxyz))
     x, y, z = T_base_dock.p
-    resized = ""
-    before = calibration.cov_base
-    if calibration.T_base_dock is not None and before is not None and not np.allclose(before, cov, rtol=1e-3, atol=0.0):
-        sigma = np.sqrt(np.diagonal(cov))
-        resized = f", sigma now {1e3 * sigma[:3].max():.3g} mm and {amount(np.degrees(sigma[5]), 'degree', '.3g')}"
     say(
         f"{path}: the sensor's dock is at ({x:.3f}, {y:.3f}, {z:.3f}) m, roll, pitch, yaw "
-        f"({', '.join(f'{angle + 0.0:.1f}' for angle in np.round(rpy_deg, 1))}) degrees, {source}{resized}; "
+        f"({', '.join(f'{angle + 0.0:.1f}' for angle in np.round(rpy_deg, 1))}) degrees, {source}; "
         + (f"{robot.name} reaches it" if robot else "give --robot to check that it is in reach")
     )
     if robot is not None and args.position is not None:
