@@ -105,12 +105,6 @@ class PhonePort(Source):
             for kind, names in BUFFERS.items():
                 with suppress(TypeError, KeyError, IndexError, OverflowError):
                     self._last_t[kind] = float(buffers[names[0]]["buffer"][-1])
-        if max(self._last_t.values()) > 0.9 * MAX_RUN_S:
-            raise SensorError(
-                f"the measurement on {self.device} has run for more than a day, and phyphox tells its time by 8 "
-                "digits: clear its data",
-                path=self.device,
-            )
         if not _is_measuring(answer) and read_answer(self._get("/control?cmd=start")) != {"result": True}:
             what = f"phyphox on {self.device} does not start to measure: press its play button"
             raise SensorError(what, path=self.device)
