@@ -176,14 +176,13 @@ def export(
 
     file = import_module(f"{__name__}.{FORMATS[format_name].file}")
     request = ExportRequest(format_name, trajectory, robot, path.suffix.lower(), rate_hz, dense, source)
-    samples = getattr(file, "samples", ExportRequest.sampled)
-    points = samples(request)
+    points = getattr(file, "samples", ExportRequest.sampled)(request)
     rules: tuple[Rule, ...] = ("hold",) if dense else request.format.rules  # servoj holds each row
     receiver: Shares = {}
     with atomic_file(path) as unfinished:
         file.write(request, points, unfinished)
         if rules:
-            receiver = check_received(request, file.read(unfinished), rules, sampled=samples)
+            receiver = check_received(request, file.read(unfinished), rules)
     if request.format.rules == ("hold",):  # warn of receivers that interpolate by cubics
         worst = max(limit_shares(points, "cubic", robot.limits), key=lambda share: share.value)
         if worst.value > 1.0 + CUBIC_EXCESS:

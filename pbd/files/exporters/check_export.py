@@ -1,14 +1,11 @@
 """Check of an exported file: it is read back, interpolated as its receivers do, and audited."""
 
-from collections.abc import Callable, Mapping
-from contextlib import suppress
-from dataclasses import replace
+from collections.abc import Mapping
 
 import numpy as np
 
 from pbd.data import JointTrajectory, Samples
-from pbd.errors import PbdError, PlanError
-from pbd.files.exporters import check_format
+from pbd.errors import PlanError
 from pbd.files.exporters.controller_interpolation import (
     EPSILON,
     LIMITS,
@@ -28,21 +25,12 @@ ROUNDED = 1e-3
 """Largest excess over a limit, as a fraction of it, that is attributed to rounding; --margin then helps. Rounding to
 whole nanoseconds causes less than 1e-5."""
 
-RATES_HZ = (20.0, 50.0, 100.0, 200.0, 500.0, 1000.0)
-"""Rates to propose instead of a refused one."""
-
 EXACT_RAD = 1e-5
 """Largest deviation from the planned motion, rad, for which the planned motion's audit is valid. It is the audit's
 pose tolerance, and a tenth of its smallest distance on an arm of one metre."""
 
 
-def check_received(
-    request: ExportRequest,
-    points: Samples,
-    rules: tuple[Rule, ...],
-    digits: float = EPSILON,
-    sampled: Callable[[ExportRequest], Samples] | None = None,
-) -> Shares:
+def check_received(request: ExportRequest, points: Samples, rules: tuple[Rule, ...], digits: float = EPSILON) -> Shares:
     """Interpolate a file's points by each rule, and check limits, keyframes and collisions.
 
     Args:
@@ -50,7 +38,6 @@ def check_received(
         points: as read from the file.
         rules: how the format's receivers interpolate.
         digits: relative size of the last digit of the file's numbers.
-        sampled: makes the points of a request at another rate, to find a rate that works.
 
     Raises:
         PlanError: the motion would exceed a limit, miss a keyframe or touch something.
@@ -74,24 +61,9 @@ def check_received(
             if motion is not None:
                 request.source.audit(motion)
         except PlanError as error:
-            rate_hz = _valid_rate(request, rules, sampled)
-            how = "a lower --speed" if rate_hz is None else f"--rate {rate_hz:g}"
+            how = "a lower --speed" if request.rate_hz is None else "a higher --rate, or a lower --speed"
             raise PlanError(f"{error.message}; give {how}", **error.fields) from None
     return used_by_rule
-
-
-def _valid_rate(
-    request: ExportRequest, rules: tuple[Rule, ...], sampled: Callable[[ExportRequest], Samples] | None
-) -> float | None:
-    """Return the lowest higher rate at which the check passes, or None."""
-    for rate_hz in RATES_HZ:
-        if request.rate_hz is not None and rate_hz > request.rate_hz and sampled is not None:
-            with suppress(PbdError):
-                check_format(request.format_name, rate_hz, request.dense)  # servoj has only two rates
-                other = replace(request, rate_hz=rate_hz)
-                check_received(other, sampled(other), rules)
-                return rate_hz
-    return None
 
 
 def limit_use(request: ExportRequest, points: Samples, rule: Rule, worst: Share) -> str:
