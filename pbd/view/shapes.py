@@ -34,9 +34,7 @@ def solid_of(shape: str, size: Sequence[float], rgb: ArrayLike) -> Mesh:
         return box(size, rgb)
     if shape == "cylinder":
         return cylinder(0.5 * size[0], size[1], rgb)
-    if shape == "sphere":
-        return sphere(0.5 * size[0], rgb)
-    raise ValueError(f"a solid is a box, cylinder or sphere, not {shape!r}")
+    return sphere(0.5 * size[0], rgb)
 
 
 def box(size: ArrayLike, rgb: ArrayLike) -> Mesh:

@@ -32,11 +32,6 @@ def test_a_solid_is_closed_and_has_its_size(
     np.testing.assert_allclose(np.ptp(mesh.box_corners(), axis=0), reach, rtol=0.01)
 
 
-def test_unknown_solids_are_refused() -> None:
-    with pytest.raises(ValueError, match="torus"):
-        shapes.solid_of("torus", (1.0,), GREY)
-
-
 def test_a_triad_points_along_its_axes_in_their_colours() -> None:
     mesh = shapes.triad(0.05, 0.002)
     assert mesh.closed
