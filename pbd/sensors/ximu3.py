@@ -41,12 +41,6 @@ some rounding; degrees and some rounding."""
 STUFFED_LF, STUFFED_ESC = b"\xdb\xdc", b"\xdb\xdd"
 
 _TEXT = re.compile(rb"([IMQA]),(\d{1,20})((?:,[+-]?\d{1,9}(?:\.\d{1,9})?){3,6})\r?")
-_OTHER_MESSAGE = re.compile(  # R, L, E, H, T, B, W, U: numbers; N, F, S: text; answers to commands
-    rb"[RLEHTBWU],\d{1,20}(?:,[+-]?\d+(?:\.\d+)?){1,9}\r?|[NFS],\d{1,20},[ -~]*\r?|\{[ -~]*\}\r?"
-    rb"|[\xce\xc6].{8}[ -~]*|\xd3.{8,}",
-    re.DOTALL,
-)
-_OTHER_SIZES = {0xD2: (9,), 0xCC: (3, 7), 0xC5: (3, 7), 0xC8: (3,), 0xD4: (1,), 0xC2: (3,), 0xD7: (2,), 0xD5: (4,)}
 _BINARY = {ord(letter) | 0x80: (letter, Struct(f"<xQ{len(n)}f")) for letter, n in LIMITS.items()}
 _BEGIN = re.compile(b"[IMQA" + bytes(_BINARY) + b"]")
 
@@ -74,12 +68,10 @@ class XImu3Decoder:
         return samples
 
     def _read_message(self, message: bytes, samples: list[Sample]) -> bool:
-        """Read a message, without its LF; return whether it is one."""
+        """Read a message, without its LF; return whether it is one that a sample needs."""
         read = _parse(message)
         if read is None:
-            other = _is_other_message(message)
-            self.tally.packets += other
-            return other
+            return False
         letter, us, n = read
         self.tally.packets += 1
         if letter == "I":
@@ -124,14 +116,6 @@ def _parse(message: bytes) -> tuple[str, int, tuple[float, ...]] | None:
     if letter == "Q" and not 0.98 <= sum(x * x for x in numbers) <= 1.02:
         return None
     return letter, us, numbers
-
-
-def _is_other_message(message: bytes) -> bool:
-    """Whether it is a whole message that no sample needs: temperature, battery, an answer to a command."""
-    sizes = _OTHER_SIZES.get(message[0]) if message else None
-    if sizes is None:
-        return _OTHER_MESSAGE.fullmatch(message) is not None
-    return len(message) - message.count(b"\xdb") in [9 + 4 * count for count in sizes]
 
 
 def _recent(values: deque[tuple[int, Triple]], us: int) -> Triple | None:
