@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from pbd.data.field_checks import freeze_tuples, require_between, require_fields
+from pbd.data.field_checks import freeze_tuples, require_fields, require_finite
 from pbd.data.one_line_repr import brief, counted
 from pbd.data.units import GRAVITY
 from pbd.data.world import Obstacle, refuse_beyond_reach
@@ -122,8 +122,8 @@ class Calibration(Frozen):
             raise WrongValueError("a calibration takes at most one of T_base_dock and T_base_nav")
         require_fields(self, name=str, T_base_dock=Pose | None, T_base_nav=Pose | None, T_sensor_tool=Pose)
         require_fields(self, sensor=SensorErrors | None)
-        require_between(self, 0.0, np.inf, "scale")
-        require_between(self, -np.inf, np.inf, "table_height")
+        require_finite(self, "scale", above=0.0)
+        require_finite(self, "table_height")
         refuse_beyond_reach(self, "T_base_dock", "T_base_nav", "T_sensor_tool", "table_height")
         freeze_tuples(self, robots=str, obstacles=Obstacle)
         freeze_arrays(self, cov_base=(6, 6), cov_sensor_tool=(6, 6))

@@ -27,21 +27,21 @@ def require_fields(owner: object, **kinds: type | UnionType) -> None:
         require_kind(_named(owner, name), value, " or ".join(known), isinstance(value, kind))
 
 
-def require_between(owner: object, above: float, below: float, *names: str) -> None:
-    """Refuse fields, numbers or arrays, that are not between two bounds, NaN included. None passes as a default.
+def require_finite(owner: object, *names: str, above: float = -np.inf) -> None:
+    """Refuse fields, numbers or arrays, that are not finite, or not above a bound. None passes as a default.
 
     Raises:
         WrongTypeError: a field is no number.
-        WrongValueError: it is not between the bounds.
+        WrongValueError: it is not finite, or not above the bound.
     """
     for name in names:
         value = getattr(owner, name)
         if value is None and getattr(type(owner), name, owner) is None:
             continue
         require_kind(_named(owner, name), value, "a number", is_number(value) or isinstance(value, np.ndarray | tuple))
-        if not np.all((np.asarray(value) > above) & (np.asarray(value) < below)):
-            bounds = [f"above {above:g}"] * (above > -np.inf) + [f"below {below:g}" if below < np.inf else "finite"]
-            raise wrong_value(owner, name, f"must be {' and '.join(bounds)}")
+        if not np.all((np.asarray(value) > above) & (np.asarray(value) < np.inf)):
+            bound = "" if above == -np.inf else f"above {above:g} and "
+            raise wrong_value(owner, name, f"must be {bound}finite")
 
 
 def wrong_value(owner: object, name: str, rule: str) -> WrongValueError:

@@ -5,7 +5,7 @@ from functools import cached_property
 
 import numpy as np
 
-from pbd.data.field_checks import freeze_tuples, require_between, require_fields
+from pbd.data.field_checks import freeze_tuples, require_fields, require_finite
 from pbd.data.one_line_repr import brief, counted, span
 from pbd.data.source_columns import IMU_CSV, SourceColumns
 from pbd.errors import require_kind
@@ -26,7 +26,7 @@ class GripEvent:
 
     def __post_init__(self) -> None:
         require_fields(self, closed=bool | np.bool_)
-        require_between(self, -np.inf, np.inf, "t")
+        require_finite(self, "t")
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pbd.data.calibration import Calibration
-from pbd.data.field_checks import freeze_tuples, require_between, require_fields, wrong_value
+from pbd.data.field_checks import freeze_tuples, require_fields, require_finite, wrong_value
 from pbd.data.one_line_repr import brief, counted
 from pbd.errors import amount
 from pbd.frozen_arrays import Frozen, freeze_arrays, frozen_mapping
@@ -32,7 +32,7 @@ class Gripper(Frozen):
         freeze_tuples(self, joints=str, mimics=str)
         k = len(self.joints)
         freeze_arrays(self, open=(k,), closed=(k,))
-        require_between(self, 0.0, np.inf, "stroke_s")
+        require_finite(self, "stroke_s", above=0.0)
 
     def positions(self, opening: ArrayLike) -> Array:
         """Finger joints (..., k), rad or m, at openings (...), 0 closed to 1 open."""
@@ -59,7 +59,7 @@ class JointLimits(Frozen):
     def __post_init__(self) -> None:
         k = len(self.lower)
         freeze_arrays(self, lower=(k,), upper=(k,), velocity=(k,), acceleration=(k,), jerk=(k,), effort=(k,))
-        require_between(self, 0.0, np.inf, "velocity", "acceleration", "jerk", "effort")
+        require_finite(self, "velocity", "acceleration", "jerk", "effort", above=0.0)
         if not (self.lower < self.upper).all():
             raise wrong_value(self, "lower", f"must be below upper, {self.upper}")
         object.__setattr__(self, "sources", frozen_mapping(self.sources))
@@ -175,7 +175,7 @@ class Robot(Frozen):
         freeze_arrays(self, home=(k,))
         if len(self.limits.lower) != k:
             raise wrong_value(self, "limits", f"must be of {amount(k, 'joint')}")
-        require_between(self, -np.inf, np.inf, "home")
+        require_finite(self, "home")
 
     def __repr__(self) -> str:
         gripper = "no gripper" if self.gripper is None else "gripper"

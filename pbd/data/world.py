@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pbd.data.field_checks import freeze_tuples, require_between, require_fields, wrong_value
+from pbd.data.field_checks import freeze_tuples, require_fields, require_finite, wrong_value
 from pbd.errors import WrongValueError, amount
 from pbd.pose import Array, Pose, quat_about_z, quat_rotate
 
@@ -41,7 +41,7 @@ class GraspedObject:
 
     def __post_init__(self) -> None:
         _check_solid(self)
-        require_between(self, 0.0, np.inf, "mass")
+        require_finite(self, "mass", above=0.0)
 
 
 @dataclass(frozen=True)
@@ -94,7 +94,7 @@ def _check_solid(solid: GraspedObject | Obstacle) -> None:
     freeze_tuples(solid, size=float)
     if len(solid.size) != SHAPES[solid.shape]:
         raise wrong_value(solid, "size", f"of a {solid.shape} must have {amount(SHAPES[solid.shape], 'number')}")
-    require_between(solid, 0.0, np.inf, "size")
+    require_finite(solid, "size", above=0.0)
     refuse_beyond_reach(solid, "size")
 
 
