@@ -114,12 +114,8 @@ def test_keys_that_the_default_comments_out_are_valid(tmp_path: Path) -> None:
     ("old", "new", "message"),
     [
         ("scale = 2.0", "scale = 0", ":5: scale must be above zero, got 0; correct it"),
-        ("scale", "sclae", ":5: sclae is unknown; the keys here are "),
         ("any_attitude", "any_atitude", ":9: [dock] any_atitude is unknown; the keys here are "),
-        ("[mount]", "[munt]", ":10: munt is unknown; the keys here are "),
         ("0.25]", "0.25, 0]", ":7: [dock] position must have 3 numbers, got 4; correct it"),
-        ("[180.0, 0.0, 45.0]", "[180.0]", ":12: [mount] rpy_deg must have 3 numbers, got 1; correct it"),
-        ("-0.15", '"left"', ":7: [dock] position must be a list of 3 finite numbers, got [0.4, 'left', 0.25]"),
         (PARTS, "", ": dock or [nav] must be given, or at least [mount] or [sensor]; see calibration/default.toml"),
         (
             PARTS,
@@ -140,18 +136,10 @@ def test_keys_that_the_default_comments_out_are_valid(tmp_path: Path) -> None:
         ),
         (MOUNT, MOUNT + MIRRORED, ":17: [sensor.gyr] matrix must be near the unit matrix"),
         (DOCK, DOCK + NAV, ":6: dock and [nav] can't both be given; remove one"),
-        ('name = "shelf"\n', "", ":13: [obstacle] name is missing; add it"),
         ('"lamp"', '"shelf"', ":20: [obstacle] name 'shelf' is another obstacle's too; rename one of them"),
         ('"sphere"', '"ball"', ":21: [obstacle] shape must be one of box, cylinder, sphere, got 'ball'; correct it"),
-        ('shape = "sphere"\n', "", ":19: [obstacle] shape is missing; add it"),
         ("[0.1]", "[0.1, 0.2]", ":22: [obstacle] size must have 1 numbers, got 2; correct it"),
-        (
-            "0.02]\nposition",
-            "0.0]\nposition",
-            ":16: [obstacle] size must hold only numbers above zero, got [0.3, 0.2, 0.0]",
-        ),
         ("position = [0.0, 0.5, 0.6]\n", "", ":19: [obstacle] position is missing; add it"),
-        ("[0.6, 0.4, 0.3]", "[0.6, 0.4]", ":17: [obstacle] position must have 3 numbers, got 2; correct it"),
         (
             "rpy_deg = [0.0, 90.0, 0.0]",
             "rpy = [0.0, 1.5, 0.0]",

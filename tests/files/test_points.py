@@ -52,17 +52,12 @@ def test_points_without_names_are_numbered(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", ": the file is empty; it needs a header line"),
-        ("x_m,y_m,z_m\n", ": a header but no rows"),
         ("x,y,z\n0,0,0\n", ": the unit of x, y, z is not known; name the columns x_m,y_m,z_m"),
         ("x_in,y_in,z_in\n0,0,0\n", ": the columns are x_in, y_in, z_in; they must be x_m, y_m and z_m"),
-        ("x_m,y_m,z_mm\n0,0,0\n", ": the columns are x_m, y_m, z_mm; they must be"),
         ("0.1,0.2,0.3\n0,0,0\n", ": the columns are 0.1, 0.2, 0.3; they must be x_m, y_m and z_m"),
         ("Punkt;x (mm);y (cm);z (mm)\nA;0,5;0;0\n", ": the columns are Punkt, x (mm), y (cm), z (mm); they must be"),
         ("Punkt;x (mm);y (mm);z (mm)\nA;0,5;0;0\nB;1;1", ":3: 3 cells where the header has 4; correct or remove"),
         ("x_mm,y_mm,z_mm\n0,0,0\n1,1", ":3: 2 cells where the header has 3; correct or remove the line"),
-        ("x_m,y_m,z_m\n0,0\n", ":2: 2 cells where the header has 3; correct or remove the line"),
-        ("x_m,y_m,z_m\n0,left,0\n", ":2: 'left' in column 'y_m' is not a number; correct the cell"),
         ("x_m,y_m,z_m\n0,0,0\n0,,0\n", ":3: '' in column 'y_m' is not a number; correct the cell"),
         ("x_m,y_m,z_m\n0,0,0\n0,nan,0\n", ": the point '2' lacks a coordinate; add it"),
         ("name,x_m,y_m,z_m\nA,300,0,0\n", ": the point 'A' is 300 m from the robot's base; is the unit right?"),
