@@ -92,18 +92,12 @@ def estimated(takes: Sequence[Take], calibration: Calibration | None = None) -> 
 
 
 def _matched(shown: Sequence[Keyframes]) -> tuple[MovedKeyframes | None, Alignment]:
-    """Return what moved with an object, and the matched takes; a take of another task doesn't show that one moved."""
-    strangers: tuple[int, ...] = ()
-    for _ in range(2):
-        moved = find_moved_keyframes(shown, strangers)
-        keyframes = shown if moved is None else [moved.put_back(k, one) for k, one in enumerate(shown)]
-        alignment = align(keyframes)
-        strangers = alignment.strangers
-        if moved is None or not strangers:
-            break
+    """Return what moved with an object, and the matched takes."""
+    moved = find_moved_keyframes(shown)
+    keyframes = shown if moved is None else [moved.put_back(k, one) for k, one in enumerate(shown)]
     if moved is not None and (also := another_thing(moved, keyframes)):
         warn(also)
-    return moved, alignment
+    return moved, align(keyframes)
 
 
 def _with_known_stops(

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pbd.pose import Array, matrix_log, quat_about_z, quat_to_matrix
 
@@ -160,7 +161,7 @@ def _try_register(ref: Keyframes, other: Keyframes) -> Registration | None:
         before, pairs = pairs, match_by_pose(ref, found.apply(other))
         if pairs == before:
             break
-    return found if len(pairs) >= least and _pose_costs(ref, found.apply(other))[0, 0] <= 2.0 * SKIP else None
+    return found if len(pairs) >= least and may_match(ref[[0]], found.apply(other)[[0]]).all() else None
 
 
 def _merged(keyframes: Keyframes, own: list[Own], take: int, other: Keyframes) -> tuple[Keyframes, list[Own]]:
@@ -281,6 +282,11 @@ def match_by_pose(ref: Keyframes, other: Keyframes) -> list[tuple[int, int]]:
         else:
             j -= 1
     return pairs[::-1]
+
+
+def may_match(ref: Keyframes, other: Keyframes) -> NDArray[np.bool_]:
+    """Say of each keyframe (n,) whether it may match the one with the same index, by pose and grip."""
+    return np.asarray(np.diagonal(_pose_costs(ref, other)) <= 2.0 * SKIP)
 
 
 def _pose_costs(ref: Keyframes, other: Keyframes) -> Array:

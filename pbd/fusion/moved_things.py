@@ -5,14 +5,14 @@ frame of its own, which is rotated about the vertical and shifted in each take.
 """
 
 from collections import Counter
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pbd.fusion.matching import MATCH_M, TURN_LEVER_M, Keyframes, Registration, register
+from pbd.fusion.matching import MATCH_M, TURN_LEVER_M, Keyframes, Registration, may_match, register
 from pbd.pose import lengths, matrix_log
 from pbd.tracking.stop_constraints import PLACE_SIGMA_M
 
@@ -39,7 +39,7 @@ class MovedKeyframes:
         gain: logarithm of the likelihood ratio.
         reference: the take that shows where the object belongs.
         rest: take -> map of its nav to the reference's.
-        back: take -> map of the moved keyframes to where they are in the reference.
+        back: take in which they moved -> map of the moved keyframes to where they are in the reference.
     """
 
     first: int
@@ -59,45 +59,44 @@ class MovedKeyframes:
         return replace(keyframes, p=p, R=R)
 
 
-def find_moved_keyframes(takes: Sequence[Keyframes], strangers: Collection[int] = ()) -> MovedKeyframes | None:
+def find_moved_keyframes(takes: Sequence[Keyframes]) -> MovedKeyframes | None:
     """Return the keyframes that most likely moved with an object, or None.
 
     Only takes with the most frequent number of keyframes and pattern of grips are compared.
-
-    Args:
-        strangers: takes of another task, which are not compared.
     """
-    shown = {k: (len(take), take.grip) for k, take in enumerate(takes) if k not in strangers}
-    usual = Counter(shown.values()).most_common(1)[0][0]
-    members = [k for k, one in shown.items() if one == usual]
-    count, reference = usual[0], members[0]
-    ref, others = takes[reference], members[1:]
-    if not others:
-        return None
+    shown = [(len(take), take.grip) for take in takes]
+    usual = Counter(shown).most_common(1)[0][0]
+    reference, *others = [k for k, one in enumerate(shown) if one == usual]
+    count, ref = usual[0], takes[reference]
     everything = np.arange(count)
-    rows = 6 * count * len(others)
-    together = sum(_misfit_in_frames(ref, takes[k], everything, everything[:0])[0] for k in others)
-    if _gain(together, 0.0, rows, len(others)) < LEAST_GAIN:
+    together = {k: _misfit_in_frames(ref, takes[k], everything, everything[:0])[0] for k in others}
+    if sum(max(_gain(misfit, 0.0, count), 0.0) for misfit in together.values()) < LEAST_GAIN:
         return None  # no run can gain enough, even if it left no misfit
     best: MovedKeyframes | None = None
     for first, end in combinations(range(1, count + 1), 2):
         run, rest = everything[first:end], np.r_[0:first, end:count]
-        alone = len(run) == 1
-        if len(rest) < LEAST_OTHERS or (alone and len(members) < SINGLE_KEYFRAME_TAKES):
+        if len(rest) < LEAST_OTHERS:
             continue
-        found = {k: _misfit_in_frames(ref, takes[k], rest, run) for k in others}
-        apart = sum(misfit for misfit, _, _ in found.values())
-        gain = _gain(together, apart, rows, len(others))
+        gain, registered, back, at = 0.0, dict[int, Registration](), dict[int, Registration](), run.tolist()
+        for k in others:
+            misfit, registered[k], second = _misfit_in_frames(ref, takes[k], rest, run)
+            gained = _gain(together[k], misfit, count)
+            # In a take of another task, or in another order, the keyframes are not the object's even if put back.
+            if gained > 0.0 and may_match(ref[at], second.apply(takes[k])[at]).all():
+                gain, back[k] = gain + gained, second
         if gain < (LEAST_GAIN if best is None else best.gain):
             continue
-        registered = {k: one for k, (_, one, _) in found.items()}
-        back = {k: one for k, (_, _, one) in found.items()}
-        places = np.array([ref.p[run], *(one.apply(takes[k]).p[run] for k, one in registered.items())])  # m
-        shifts = places[1:] - places[0]
-        far = lengths(shifts) > MATCH_M
-        level = np.abs(shifts[..., 2]).max() < LEVEL_M
-        alike = (lengths(places[:, None] - places) <= MATCH_M).sum(axis=1)  # takes with the keyframe at the same place
-        if far.all() and level and 2 * alike.max() <= len(places) if alone else far.any(axis=0).all():
+        places = {k: one.apply(takes[k]).p[run] for k, one in registered.items()} | {reference: ref.p[run]}
+        shifts = np.array([places[k] - ref.p[run] for k in back])
+        far, every = lengths(shifts) > MATCH_M, np.array(list(places.values()))
+        if len(run) > 1:
+            elsewhere = bool(far.any(axis=0).all())
+        else:
+            alike = (lengths(every[:, None] - every) <= MATCH_M).sum(axis=1)  # takes with it at the same place
+            level = np.abs(shifts[..., 2]).max() < LEVEL_M
+            enough = len(back) + 1 >= SINGLE_KEYFRAME_TAKES and 2 * alike.max() <= len(every)
+            elsewhere = bool(far.all() and level and enough)
+        if elsewhere:
             best = MovedKeyframes(first, end - 1, gain, reference, registered, back)
     return best
 
@@ -118,17 +117,17 @@ def another_thing(moved: MovedKeyframes, takes: Sequence[Keyframes]) -> str:
     )
 
 
-def _gain(together: float, apart: float, rows: int, frames: int) -> float:
-    """Return the log likelihood ratio minus the penalty for the additional frames, which have four unknowns each.
+def _gain(together: float, apart: float, count: int) -> float:
+    """Return one take's log likelihood ratio minus the penalty for the additional frame, which has four unknowns.
 
     Source: G. Schwarz, Estimating the dimension of a model, Annals of Statistics 6 (1978).
 
     Args:
         together, apart: misfits of both hypotheses, in squared sigmas.
-        rows: number of residuals.
-        frames: number of additional frames.
+        count: number of keyframes.
     """
-    return float(0.5 * rows * np.log(max(together, rows) / max(apart, rows)) - 2.0 * frames * np.log(rows))
+    rows = 6 * count
+    return float(0.5 * rows * np.log(max(together, rows) / max(apart, rows)) - 2.0 * np.log(rows))
 
 
 def _misfit_in_frames(

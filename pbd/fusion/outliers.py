@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pbd.fusion.joint_estimate import JointEstimate, Observations, estimate_jointly
-from pbd.fusion.scatter import common_scatter
+from pbd.fusion.matching import TURN_LEVER_M
+from pbd.fusion.scatter import Scatter, common_scatter
 from pbd.pose import lengths
 
 FALSE_RATE = 0.01
@@ -65,7 +66,7 @@ def _outlying_keyframe(observations: Observations, joint: JointEstimate, takes: 
     if not len(tested):
         return None
     rows = 6 * tested[:, None] + np.arange(6)
-    worst = int(np.argmax(joint.chi_squares(list(rows))))
+    worst = _worst(observations, joint, rows)
     which = int(observations.take[tested[worst]]), int(observations.at[tested[worst]])
     rest = observations.subset(~_where(observations, *which))
     return which if _is_outlier(observations, joint, rest, rows[worst], len(tested)) else None
@@ -80,28 +81,47 @@ def outlying_take(observations: Observations, joint: JointEstimate) -> int | Non
     takes = observations.rows
     if len(takes) < LEAST_TAKES:
         return None
-    off = np.array([np.median(lengths(joint.residuals[rows].reshape(-1, 6)[:, :3])) for rows in takes])
+    weighted = joint.residuals.reshape(-1, 6) * np.repeat((1.0, TURN_LEVER_M), 3)  # m
+    off = np.array([np.median(lengths(weighted[observations.take == k])) for k in range(len(takes))])
     worst = int(np.argmax(off))
     if off[worst] < SUSPECT * np.median(off):
         return None
     # One keyframe that is off moves the take's nav, and so all its residuals: the take is tested without its worst.
     own = np.flatnonzero(observations.take == worst)
-    keyframes = joint.chi_squares(list(6 * own[:, None] + np.arange(6)))
-    tested = observations.subset(np.arange(len(observations.take)) != own[np.argmax(keyframes)])
+    keyframe = _worst(observations, joint, 6 * own[:, None] + np.arange(6))
+    tested = observations.subset(np.arange(len(observations.take)) != own[keyframe])
     rows = np.arange(tested.rows[worst].start, tested.rows[worst].stop)
     rest = tested.subset(tested.take != worst)
     return worst if _is_outlier(tested, joint, rest, rows, len(takes)) else None
 
 
+def _worst(observations: Observations, joint: JointEstimate, rows: NDArray[np.intp]) -> int:
+    """Return which keyframe's residuals (one row each) fit a usual hand worst.
+
+    The scatter as estimated can't tell: the dock has its own, and an outlier there raises it.
+    """
+    usual = estimate_jointly(observations, joint.state, _held(common_scatter(len(joint.state.m))))
+    return int(np.argmax(usual.chi_squares(list(rows))))
+
+
 def _is_outlier(
     observations: Observations, joint: JointEstimate, rest: Observations, rows: NDArray[np.intp], tests: int
 ) -> bool:
-    """Say whether some residuals don't fit, with the scatter that the rest of the observations show."""
+    """Say whether some keyframes' positions or attitudes don't fit, with the scatter that the rest shows.
+
+    Each is tested apart: a fault is mostly of one kind, and would be diluted by the other's residuals.
+    """
     from scipy.special import chdtri
 
     prior = replace(common_scatter(len(joint.state.m)), log=joint.scatter.log)
-    without = estimate_jointly(rest, joint.state, prior)
-    log = without.scatter.log + RAISED_SIGMAS * without.scatter.log_sigma
-    fixed = replace(without.scatter, log=log, prior_log=log, prior_spread=np.full(len(log), FIXED_SPREAD))
-    again = estimate_jointly(observations, joint.state, fixed)
-    return bool(again.chi_squares([rows])[0] > chdtri(len(rows), FALSE_RATE / tests))
+    without = estimate_jointly(rest, joint.state, prior).scatter
+    raised = _held(replace(without, log=without.log + RAISED_SIGMAS * without.log_sigma))
+    again = estimate_jointly(observations, joint.state, raised)
+    position, attitude = rows.reshape(-1, 2, 3).swapaxes(0, 1).reshape(2, -1)
+    limit = chdtri(len(position), 0.5 * FALSE_RATE / tests)
+    return bool((again.chi_squares([position, attitude]) > limit).any())
+
+
+def _held(scatter: Scatter) -> Scatter:
+    """Return the scatter, held fixed in an estimate."""
+    return replace(scatter, prior_log=scatter.log, prior_spread=np.full(len(scatter.log), FIXED_SPREAD))

@@ -68,13 +68,30 @@ def test_a_second_thing_that_moved_is_said(second: bool) -> None:
     assert bool(said) == second
 
 
-def test_a_take_of_another_task_does_not_show_that_something_moved() -> None:
+@pytest.mark.parametrize("elsewhere", [True, False])
+def test_a_take_of_another_task_neither_shows_nor_hides_that_something_moved(elsewhere: bool) -> None:
     """Such a take fits better with a frame of its own for its last keyframes, but then it still does not match."""
     other, rng = truth(1), np.random.default_rng(5)
     other.m[2:] += (1.0, 0.0, 0.0) + 0.3 * rng.normal(size=(4, 3))
     stranger = Keyframes(other.m, other.A, (None,) * 6, np.full(6, 1e-3))
-    takes = [*shown(0.0 * ELSEWHERE), stranger]
-    assert find_moved_keyframes(takes) is not None
-    moved, alignment = _matched(takes)
-    assert moved is None
+    moved, alignment = _matched([*shown(elsewhere * ELSEWHERE), stranger])
+    assert (moved is not None) == elsewhere
     assert alignment.strangers == (3,)
+
+
+def test_a_thing_of_two_keyframes_that_moved_in_one_of_three_takes() -> None:
+    takes = shown(0.0 * ELSEWHERE)
+    takes[1].p[3:5] += (0.08, 0.03, 0.0)
+    moved = find_moved_keyframes(takes)
+    assert moved is not None
+    assert (moved.first, moved.last, set(moved.back)) == (3, 4, {1})
+
+
+def test_two_keyframes_in_the_other_order_are_no_thing_that_moved() -> None:
+    """A half turn about the vertical between them brings their places together, but not their attitudes."""
+    takes = shown(0.0 * ELSEWHERE)
+    for take in takes:
+        take.p[3:5, 2] = 0.1
+    for values in (takes[1].p, takes[1].R):
+        values[[3, 4]] = values[[4, 3]]
+    assert find_moved_keyframes(takes) is None
