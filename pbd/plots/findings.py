@@ -226,8 +226,8 @@ def _residual_velocities(
         if residual > DRIFT_ACC * duration and not remarked:
             words = (
                 f"a residual velocity of {length_text(residual)}/s at {stop_phrase(names[k + 1])}, after a move of "
-                f"{duration:.1f} s, is more than drift: hold still at {names[k]} and {names[k + 1]}, and turn more "
-                "slowly in between"
+                f"{duration:.1f} s, is more than drift: hold still at {names[k]} and {names[k + 1]}, and turn "
+                "slowly and without knocks in between"
             )
             yield residual / duration, Finding(words, (_move_span(path, k),))
 
