@@ -8,12 +8,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
+from scipy.special import chdtrc
 
 from pbd.calibration.accelerometer import NAMES, fit_accelerometer, up_sigma
 from pbd.calibration.gyro import fit_gyro
 from pbd.calibration.magnetometer import fit_ellipsoid, fit_magnetometer
 from pbd.calibration.rests import Rests, count_orientations, find_rests
-from pbd.calibration.sensor import TRUSTED_ACC, SensorFit, calibrate_sensor, corrected
+from pbd.calibration.sensor import TRUSTED_ACC, WARNED_MISFIT, SensorFit, calibrate_sensor, corrected
 from pbd.calibration.sensor_changed import disagreements, gravity_at
 from pbd.data import GRAVITY, Recording, RecordingInfo, SensorErrors
 from pbd.errors import CalibrationError
@@ -551,3 +552,8 @@ def _dipped(mag: Array, acc: Array) -> Array:
     size = np.linalg.norm(mag)
     dip = np.arcsin(-(mag @ up) / size) + np.radians(10.0)
     return np.asarray(size * (np.cos(dip) * level / np.linalg.norm(level) - np.sin(dip) * up))
+
+
+def test_a_good_sensor_is_warned_of_once_in_twelve_times() -> None:
+    """Twelve rests and nine unknowns leave three degrees of freedom."""
+    assert chdtrc(3, 3 * WARNED_MISFIT**2) == pytest.approx(1 / 12, rel=0.1)
