@@ -177,7 +177,7 @@ class Session:
     def close(self) -> None:
         """Write the rest, and what is known at the end only: the rate, and times fitted to the whole recording."""
         self._add(self._clock.release())
-        self._clock.count()
+        self._clock.count_lost()
         if self.demo is None or self.discarded:
             return
         try:
@@ -220,7 +220,7 @@ class Session:
 
     def status(self) -> Status:
         """Return the status, with the messages since the last one."""
-        self._clock.count(now_and_then=True)
+        self._clock.count_lost(if_due=True)
         while self._recent and self._recent[0][0] < self.t - 1.0:
             self._recent.popleft()
         span = self.t - self._recent[0][0] if self._recent else 0.0

@@ -9,10 +9,10 @@ import numpy as np
 from pbd.pose import Array
 from pbd.timestamps.straighten import LONGEST_BURST_S, WITHIN_BATCH, straighten
 
-OFF_BEAT = 0.02
-"""Largest deviation of a step from a whole number of intervals, as a share of the interval, and largest share of steps
-that deviate by more. Beyond both, stamps are coarse or jitter.
-Stamps come in batches if a larger share of the steps than this is below WITHIN_BATCH intervals."""
+OFF_GRID_SHARE = 0.02
+"""A step is off the grid if it differs from a whole number of intervals by more than this share of the interval. Stamps
+are coarse or jitter if more than this share of the steps are off the grid. They come in batches if more than this share
+of the steps are below WITHIN_BATCH intervals."""
 
 WANDER_RATIO, WANDER_RATIO_OF_FEW, FEW_DELAYS = 0.5, 1.0, 80
 """Largest mean square successive difference of the stamps' delays, as a share of their variance, if the samples were
@@ -20,11 +20,11 @@ taken at uneven times; the same of fewer than FEW_DELAYS. It is 2 if the delays 
 they wander it is near 0; by simulation, of 40 delays it is above 0.5 in a third of cases, and above 1 in one of 20."""
 
 FEWEST_STEPS = 3
-"""Fewest steps of coarse times, or between batches, that tell the rate: the first and the last may be cut off."""
+"""Fewest steps of coarse times, or between batches, that tell the rate. The first and the last may be cut off."""
 
 LATE_SAMPLES = 8
-"""Within this many samples the stamps catch up after a late one; of twice as many, one is surely on time. After a lost
-sample they never catch up."""
+"""Within this many samples, the stamps catch up after a late one; after a lost sample they never do. Of twice as many
+samples, one is surely on time."""
 
 NOMINAL_TOLERANCE = 0.01
 """No sample is lost if the mean rate differs from the nominal one by less than this share."""
@@ -38,7 +38,8 @@ def even_times(t: Array, nominal_hz: float | None = None) -> tuple[Array, str]:
         nominal_hz: the sensor's rate, if it is known.
 
     Returns:
-        The times, and what the stamps do: "jitter", "come in batches"; "" if they are kept as they are.
+        The times, and the fault of the stamps: "jitter", "come in batches", or "come in steps of ... ms"; "" if they
+        are kept as they are.
     """
     steps = np.diff(t)
     if len(t) <= 4 * LATE_SAMPLES or (steps > WITHIN_BATCH * steps.mean()).sum() < FEWEST_STEPS:
@@ -60,7 +61,7 @@ def _sampling_interval(t: Array, nominal_hz: float | None) -> tuple[float, bool,
     complete = nominal_hz is not None and abs(mean * nominal_hz - 1.0) < NOMINAL_TOLERANCE
     steps = np.diff(t)
     # The samples of a batch may be stamped one after the other. The longest steps, if they are rare, are gaps.
-    begins = steps > WITHIN_BATCH * np.sort(steps)[: int((1.0 - OFF_BEAT) * len(steps))].mean()
+    begins = steps > WITHIN_BATCH * np.sort(steps)[: int((1.0 - OFF_GRID_SHARE) * len(steps))].mean()
     batches = np.diff(np.flatnonzero(begins))
     if batches.mean() > LATE_SAMPLES / 2:
         arrived = t[np.maximum.accumulate(np.arange(len(t)) * np.append(True, begins))]
@@ -73,23 +74,23 @@ def _sampling_interval(t: Array, nominal_hz: float | None) -> tuple[float, bool,
 
 
 def _stamp_fault(t: Array, interval: float) -> str:
-    """What is wrong with stamps (n,) s: that they "jitter", say; "" if nothing is."""
+    """The fault of stamps (n,) s, as `even_times` returns it; "" if there is none."""
     steps = np.diff(t)
-    if (steps < WITHIN_BATCH * interval).mean() > OFF_BEAT:
+    if (steps < WITHIN_BATCH * interval).mean() > OFF_GRID_SHARE:
         return "come in batches"
     away = np.abs(steps - interval * np.rint(steps / interval))
-    if (away > OFF_BEAT * interval).sum() < max(OFF_BEAT * len(steps), FEWEST_STEPS):
+    if (away > OFF_GRID_SHARE * interval).sum() < max(OFF_GRID_SHARE * len(steps), FEWEST_STEPS):
         return ""
     tick = _tick(t)
-    explained = (away > tick).mean() <= OFF_BEAT
+    explained = (away > tick).mean() <= OFF_GRID_SHARE
     return f"come in steps of {1e3 * tick:.4g} ms" if explained else "jitter"
 
 
 def _is_uneven(t: Array, even: Array) -> bool:
     """Whether the samples were taken at uneven times, as by a program that polls a sensor between other work.
 
-    Stamps of even samples scatter about even times, each by itself; those of uneven samples wander away from them. The
-    last sample of each batch tells, if it is off by more than rounding explains.
+    The stamps of even samples scatter about even times, each by itself. Those of uneven samples wander away from them.
+    Only the last sample of each batch is looked at, and only deviations that rounding does not explain count.
     """
     steps = np.diff(t)
     delay = (t - even)[np.flatnonzero(steps > WITHIN_BATCH * steps.mean())]
@@ -103,12 +104,13 @@ def _tick(t: Array) -> float:
 
 
 def batched_interval(t: Array) -> float:
-    """Mean interval, s, of times (n,) of which several are equal, without gaps; 0: there are fewer than three times."""
+    """Mean interval, s, of the rows of times (n,) s that come in equal groups, gaps left out; 0 if there are fewer than
+    three different times."""
     first = np.flatnonzero(np.diff(t) > 0.0) + 1  # of each batch; the very first batch may be cut off
     if len(first) < 2:
         return 0.0
     rows, steps = np.diff(first, append=len(t)), np.diff(t[first])
-    # A time is that of a batch's last row, so that the step before a large one is long, or that of its first row: then
-    # the long step after it is left out, with its rows.
+    # If a batch has the time of its last row, a large batch follows a long step. If it has the time of its first row,
+    # the long step comes after it; then that step is left out, with the batch's rows.
     usual = steps < 1.5 * np.median(steps) * np.maximum(rows[1:] / np.median(rows), 1.0)
     return float(steps[usual].sum() / rows[:-1][usual].sum()) if usual.any() else 0.0

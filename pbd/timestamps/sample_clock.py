@@ -17,13 +17,13 @@ from pbd.pose import Array
 from pbd.timestamps.stamper import Stamper
 from pbd.timestamps.straighten import LOST_SHARE, straighten
 
-BELIEVED_STEP_S, BELIEVED_STEPS = 0.1, 3.0
-"""Largest accepted step of a device's time: s, until its usual step is known; then a multiple of the usual step."""
+MAX_FIRST_STEP_S, MAX_USUAL_STEPS = 0.1, 3.0
+"""Largest accepted step of a device's time: in s, until its usual step is known; then as a multiple of that."""
 
-HOST_TOLERANCE_S, HOST_TOLERANCE = 0.02, 0.1
+HOST_TOLERANCE_S, HOST_TOLERANCE_SHARE = 0.02, 0.1
 """A larger step is accepted if the host's clock agrees: within this time (s) plus this share of the step."""
 
-SHORTEST_USUAL_STEP = 0.25
+MIN_STEP_SHARE = 0.25
 """Smallest accepted step of a device's time, as a share of the usual step."""
 
 USUAL_STEPS = 9
@@ -32,12 +32,12 @@ USUAL_STEPS = 9
 LONGEST_GAP_S = 10.0
 """Longest gap, s, in a device's time. A longer jump, or one backwards, means that the clock was reset."""
 
-LONGEST_USUAL_STEP = 1.6
+LONGEST_LOSSLESS_STEP = 1.6
 """Largest step without a lost sample, as a multiple of the median step."""
 
-COUNT_AFTER_S, COUNT_EVERY_S, COUNT_SHARE = 2.0, 1.0, 0.02
-"""The live count of losses: its first time (s), its least period (s), and the share of the time that it may take."""
-
+COUNT_AFTER_S, COUNT_EVERY_S, COUNT_TIME_SHARE = 2.0, 1.0, 0.02
+"""The live count of losses: when it is first made (s), its shortest period (s), and the largest share of the time that
+counting may take."""
 
 T = TypeVar("T")
 
@@ -54,7 +54,7 @@ class SampleClock(Generic[T]):
     Attributes:
         times: times of the samples so far, s: the device's times, or the arrival times on the host.
         doubted: number of samples that were left out because of their time.
-        lost: number of samples that never arrived, by the latest count.
+        lost: number of samples that never arrived, by the latest `count_lost`.
         straightened: (n,) s, the arrival times as straightened by the latest count; None with a device's clock.
     """
 
@@ -82,6 +82,7 @@ class SampleClock(Generic[T]):
         """Add the next sample; return (time, sample) of each sample whose time is now known.
 
         Args:
+            sample: anything; it is returned with its time.
             t_device: s on the device's clock; None if the sample has no time.
             arrival: s on the host's clock.
         """
@@ -92,7 +93,7 @@ class SampleClock(Generic[T]):
         if t_device is None:  # the packet with its time was lost
             self.doubted += 1
             return []
-        self._learn(t_device)
+        self._learn_usual_step(t_device)
         now, last, doubt = _Reading(sample, t_device, arrival), self._last, self._doubt
         if last is None:
             self._zero = now.t_device
@@ -113,7 +114,7 @@ class SampleClock(Generic[T]):
         return [self._accept(doubt), self._accept(now)]
 
     def release(self) -> list[tuple[float, T]]:
-        """Return (time, sample) of each sample that arrived and whose time is not known well yet."""
+        """Return (time, sample) of each sample that is still held back, by what is known now."""
         return [] if self._stamper is None else self._since_first(self._stamper.release())
 
     def _since_first(self, stamped: list[tuple[float, T]]) -> list[tuple[float, T]]:
@@ -121,21 +122,21 @@ class SampleClock(Generic[T]):
             self._first = stamped[0][0]
         return [(t - (self._first or 0.0), sample) for t, sample in stamped]
 
-    def count(self, now_and_then: bool = False) -> None:
-        """Count the lost samples; `now_and_then`: only if the next count is due. Slow counts are made less often."""
+    def count_lost(self, if_due: bool = False) -> None:
+        """Count the lost samples; `if_due`: only if the next count is due. Slow counts are made less often."""
         begun = time.monotonic()
         span = self.times[-1] - self.times[0] if self.times else 0.0
-        if now_and_then and (begun < self._next_count or span < COUNT_AFTER_S):
+        if if_due and (begun < self._next_count or span < COUNT_AFTER_S):
             return
         times = np.array(self.times)
         if self.is_device:
-            self.lost = missing(times)
+            self.lost = count_missing(times)
         else:
             self.straightened, self.lost = straighten(times)
         ended = time.monotonic()
-        self._next_count = ended + max(COUNT_EVERY_S, (ended - begun) / COUNT_SHARE)
+        self._next_count = ended + max(COUNT_EVERY_S, (ended - begun) / COUNT_TIME_SHARE)
 
-    def _learn(self, t_device: float) -> None:
+    def _learn_usual_step(self, t_device: float) -> None:
         if self._latest is not None and t_device > self._latest:
             self._steps.append(t_device - self._latest)
             if len(self._steps) == USUAL_STEPS:
@@ -144,10 +145,10 @@ class SampleClock(Generic[T]):
 
     def _follows(self, earlier: _Reading[T], now: _Reading[T]) -> bool:
         step, elapsed = now.t_device - earlier.t_device, now.arrival - earlier.arrival
-        if step <= SHORTEST_USUAL_STEP * self._usual:
+        if step <= MIN_STEP_SHARE * self._usual:
             return False
-        believed = BELIEVED_STEPS * self._usual or BELIEVED_STEP_S
-        return step <= believed or abs(step - elapsed) < HOST_TOLERANCE_S + HOST_TOLERANCE * elapsed
+        believed = MAX_USUAL_STEPS * self._usual or MAX_FIRST_STEP_S
+        return step <= believed or abs(step - elapsed) < HOST_TOLERANCE_S + HOST_TOLERANCE_SHARE * elapsed
 
     def _accept(self, now: _Reading[T]) -> tuple[float, T]:
         self._before, self._last, self._doubt = self._last, now, None
@@ -155,7 +156,7 @@ class SampleClock(Generic[T]):
         return self.times[-1], now.sample
 
 
-def missing(t: Array) -> int:
+def count_missing(t: Array) -> int:
     """Count the samples that are missing between increasing times (n,) s of a device's own clock.
 
     A short step cancels a long one beside it: the time between them was wrong, and nothing is missing.
@@ -163,5 +164,5 @@ def missing(t: Array) -> int:
     steps = np.diff(t)
     if not len(steps):
         return 0
-    interval = steps[steps <= LONGEST_USUAL_STEP * np.median(steps)].mean()
+    interval = steps[steps <= LONGEST_LOSSLESS_STEP * np.median(steps)].mean()
     return max(int((np.floor(steps / interval + 1.0 - LOST_SHARE) - 1.0).sum()), 0)

@@ -21,25 +21,26 @@ from pbd.timestamps.straighten import (
 )
 
 START_S = 1.0
-"""The line is first laid below the samples of this time, s, if they came in BURST_BATCHES batches or more."""
+"""Time, s, after which the line is first laid below the arrivals, if they came in BURST_BATCHES batches or more."""
 
 LINE_BATCHES = 1000
-"""Number of latest batches that tell the interval."""
+"""The interval is fitted to this number of latest batches."""
 
 RECENT_BATCHES = 64
-"""Number of batches that tell where the line is, and how large a share is late."""
+"""Where the line is, and how many batches are late, is found from this number of latest batches."""
 
 LATE_BATCHES = 16
-"""Number of batches of which the least delayed tells which of them are late: in few of these a sample is lost."""
+"""Lateness is measured from the least delayed of this number of batches. Among so few, a sample is rarely lost."""
 
-CHANCE = 1e-5
-"""A sample was lost if, without a loss, so many in turn would be late with a lower probability than this."""
+FALSE_LOSS_CHANCE = 1e-5
+"""Probability of a false loss: a sample counts as lost if, without a loss, so many late batches in sequence are less
+probable than this."""
 
-LEAST_LATE = 0.02
-"""Least share of batches that are late: a link may hold one back at any time."""
+LEAST_LATE_SHARE = 0.02
+"""Smallest share of late batches that is assumed: a link may hold one back at any time."""
 
 LARGEST_SHIFT = 0.005
-"""Largest change of a step of the times, as a share of the interval, by which they move to where the line is now."""
+"""Largest change of a step between times, as a share of the interval, when the times follow a line that has moved."""
 
 SHORTEST_INTERVAL_S = 1e-5
 """Smallest interval, s, of samples; equal times have none."""
@@ -70,7 +71,7 @@ class Stamper(Generic[T]):
         self._begin, self._interval = 0.0, 0.0  # the line, s; not laid yet
         self._count, self._index = 0, 0  # of the first sample held, as in `_End`
         self._t, self._t_index = 0.0, 0  # the latest time given, s; its index
-        self._late = LEAST_LATE  # share of batches that are late
+        self._late = LEAST_LATE_SHARE  # share of batches that are late
         self._ends: deque[_End] = deque(maxlen=LINE_BATCHES)
         self._next_fit = 0.0  # s
 
@@ -98,7 +99,7 @@ class Stamper(Generic[T]):
         return stamped + self._give(len(self._held))
 
     def _delay(self, k: int) -> float:
-        """By how much sample k of those held is behind the line, s, if none of them was lost."""
+        """Delay of sample k of those held behind the line, s, if none was lost among them."""
         return self._held[k].arrival - self._begin - self._interval * (self._index + k)
 
     def _is_on_time(self, k: int) -> bool:
@@ -109,7 +110,7 @@ class Stamper(Generic[T]):
         first, last = self._held[0], self._held[-1]
         batches = last.batch - first.batch  # the last one may not be complete
         lasts = last.arrival - first.arrival > LONGEST_BURST_S and batches >= BURST_BATCHES
-        return lasts or batches * log(self._late) < log(CHANCE)
+        return lasts or batches * log(self._late) < log(FALSE_LOSS_CHANCE)
 
     def _give(self, n: int) -> list[tuple[float, T]]:
         """Give the first n samples held their times."""
@@ -151,5 +152,5 @@ class Stamper(Generic[T]):
         self._begin = float(delay.min())
         blocks = [delay[k : k + LATE_BATCHES] for k in range(0, len(delay), LATE_BATCHES)]
         late = np.concatenate([block - block.min() >= LOST_SHARE * self._interval for block in blocks])
-        self._late = max(float(late.mean()), LEAST_LATE)
+        self._late = max(float(late.mean()), LEAST_LATE_SHARE)
         self._next_fit = float(arrival[-1]) + LONGEST_BURST_S

@@ -2,7 +2,7 @@
 
 USB delivers in bursts, phones in batches, and a busy host reads late, but no sample arrives before it was taken. So the
 true times lie on a line below the arrivals, one interval per sample. After a lost sample all arrivals stay above that
-line by one interval more. If the least delayed leave it slowly, the rate changed: times follow them.
+line by one interval more. If the least delayed samples leave the line slowly, the rate changed, and the times follow.
 """
 
 from itertools import pairwise
@@ -26,23 +26,24 @@ LOSS_SCATTERS = 5.0
 If delays are exponential, this distance is the least delay's standard deviation; without a loss, the least delays of
 two bursts then differ by more in one of 150 cases."""
 
-WITHOUT_LOSS = 0.1
-"""Quantile of the slopes between blocks that is one without a loss: of blocks of 16 samples, 19 % lose none if every
-tenth sample is lost. The median would take a loss in each block for a longer interval."""
+LOSSLESS_QUANTILE = 0.1
+"""This quantile of the slopes between blocks belongs to blocks without a loss. If every tenth sample is lost, 19 % of
+blocks of 16 samples lose none. The median would take a loss in each block for a longer interval."""
 
 FIRST_SPANS = (1, 2, 4, 8)
 """Distances, in blocks, of those that are compared for the first estimate."""
 
-LITTLE_JITTER, USUAL_SHARE = 0.1, 0.9
-"""The steps from one batch to the next tell the interval if a larger share than USUAL_SHARE of them deviate by less
-than LITTLE_JITTER intervals of batches."""
+LITTLE_JITTER, STEADY_SHARE = 0.1, 0.9
+"""The steps from one batch to the next tell the interval if more than STEADY_SHARE of them deviate by less than
+LITTLE_JITTER, a share of the interval between batches."""
 
 LOSS_RISE_S = 0.1
 """Time, s, in which the least delay rises to its full value after a loss."""
 
-STEPPED = 0.2
-"""Losses raise the least delay by whole intervals, a change of the rate gradually. Largest mean distance to a whole
-number, in intervals, of a rise by losses: it is 0 for steps, and 1/4 for a ramp."""
+MAX_STEP_DEVIATION = 0.2
+"""A rise of the least delay counts as losses if its mean distance from a whole number of intervals is below this, in
+intervals. Losses raise the least delay in steps, with a distance of 0. A change of the rate raises it as a ramp, with a
+distance of 1/4."""
 
 BLOCK_SAMPLES = 64
 """Samples per block. The line below the arrivals is fitted to the least delayed sample of each block."""
@@ -57,7 +58,7 @@ LEAST_DRIFT_S, DRIFT_JITTERS = 0.02, 4.0
 """The rate changes only if the least delays of blocks of LONGEST_BURST_S range over this, s, and over this many times
 the usual delay. A beat with a USB adapter's frames of 16 ms is smaller."""
 
-DRIFT_BLOCKS = 6
+FEWEST_DRIFT_BLOCKS = 6
 """Fewest blocks that show a change of the rate."""
 
 DRIFT_RATIO = 0.5
@@ -72,8 +73,9 @@ def straighten(arrival: Array, burst_s: float = LONGEST_BURST_S, complete: bool 
     """Convert arrival times (n,) s to times (n,) s from 0, as even as the sensor's rate, with gaps at the losses.
 
     Args:
-        burst_s: longest burst, s; within some batches the least delay is looked for anyway.
-        complete: no sample is lost.
+        arrival: (n,) s.
+        burst_s: longest burst, s. The least delay is sought within BURST_BATCHES batches, if that is longer.
+        complete: it is known that no sample is lost.
 
     Returns:
         The times, and how many samples were lost.
@@ -103,7 +105,7 @@ def straighten(arrival: Array, burst_s: float = LONGEST_BURST_S, complete: bool 
 def _drift(delay: Array, block: int) -> Array:
     """Return how the least delayed of the delays (n,) s rise and fall, (n,) s; zeros if they don't do so slowly."""
     starts = range(0, len(delay), 2 * block)
-    if len(starts) < DRIFT_BLOCKS:
+    if len(starts) < FEWEST_DRIFT_BLOCKS:
         return np.zeros(len(delay))
     rows = np.array([at + int(np.argmin(delay[at : at + block])) for at in starts])
     least = delay[rows]
@@ -139,7 +141,7 @@ def _lost_before(delay: Array, interval: float, ahead: int, ends: NDArray[np.int
     for (rows,) in find_objects(label(risen > max(LOST_SHARE * interval, LOSS_SCATTERS * scatter))[0]):
         first = max(rows.start - rise, 0)
         level = np.maximum.accumulate(least[first : rows.stop] - least[first]) / interval
-        if level.size <= 4 * rise or np.abs(level - np.rint(level)).mean() < STEPPED:
+        if level.size <= 4 * rise or np.abs(level - np.rint(level)).mean() < MAX_STEP_DEVIATION:
             lost[first : rows.stop] = np.diff(np.floor(level + 1.0 - LOST_SHARE), prepend=0.0)
     return np.asarray(np.cumsum(lost))
 
@@ -147,24 +149,25 @@ def _lost_before(delay: Array, interval: float, ahead: int, ends: NDArray[np.int
 def first_slope(k: Array, arrival: Array, batch: int) -> float:
     """Return the slope of the line below the ends of batches, before losses are counted.
 
-    It is that between the ends, or between the least delayed of blocks of them, where none was lost between. The better
-    it is known, the further apart may the blocks be that show it. Among few ends that jitter, the hull tells it better.
+    It is the slope between ends, or between the least delayed ends of blocks, between which no sample was lost. Each
+    better estimate shows this for blocks further apart (FIRST_SPANS). If there are few ends, and they jitter, the slope
+    is that of their convex hull.
 
     Args:
-        k: (n,) number of the sample that ends the batch; lost ones don't count.
+        k: (n,) index of the sample that ends the batch, lost samples not counted.
         arrival: (n,) s.
-        batch: usual number of samples.
+        batch: usual number of samples in a batch.
     """
     block = max(FIRST_BLOCK_SAMPLES // batch, 1)
     slope = pair_slope(k, arrival, 1)
     off = np.abs(np.diff(arrival) - slope * np.diff(k))
-    if (off < LITTLE_JITTER * slope * batch).mean() > USUAL_SHARE:
+    if (off < LITTLE_JITTER * slope * batch).mean() > STEADY_SHARE:
         slope = _slope_without_loss(k, arrival, slope, batch, 1)
     elif len(k) < FEWEST_BLOCKS * block:
         return _slope_of_hull(k, arrival)
     else:
-        rows = _least_delayed(k, arrival, pair_slope(k, arrival, block, WITHOUT_LOSS), block)
-        slope = pair_slope(k[rows], arrival[rows], 1, WITHOUT_LOSS)
+        rows = _least_delayed(k, arrival, pair_slope(k, arrival, block, LOSSLESS_QUANTILE), block)
+        slope = pair_slope(k[rows], arrival[rows], 1, LOSSLESS_QUANTILE)
     rows = _least_delayed(k, arrival, slope, block)
     for span in FIRST_SPANS:
         slope = _slope_without_loss(k[rows], arrival[rows], slope, batch, span)

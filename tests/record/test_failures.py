@@ -180,7 +180,7 @@ def test_what_is_shown_as_lost_on_the_way_is_what_is_told_at_the_end(
 ) -> None:
     """A sensor without a clock on a host that is busy now and then: late is not lost."""
     monkeypatch.setattr("pbd.timestamps.sample_clock.COUNT_EVERY_S", 0.0)
-    monkeypatch.setattr("pbd.timestamps.sample_clock.COUNT_SHARE", np.inf)
+    monkeypatch.setattr("pbd.timestamps.sample_clock.COUNT_TIME_SHARE", np.inf)
     _, arrival, missing = arrivals(rate_hz, "bursts", seed=1, seconds=12.0)
     hand, speaker = random_hand(len(arrival), seed=1, rate_hz=rate_hz), SPEAKERS["razor"]
     session = Session(speaker.decoder(), RecordOptions(tmp_path / "tea", "razor", "2026-01-02T03:04:05Z"))

@@ -13,7 +13,7 @@ from pbd.data.streams import RATE_TOLERANCE, interpolate
 from pbd.errors import RecordingError, warn
 from pbd.io.numbers import DAY_S
 from pbd.pose import Array
-from pbd.timestamps.even_times import LATE_SAMPLES, OFF_BEAT, batched_interval, even_times
+from pbd.timestamps.even_times import LATE_SAMPLES, OFF_GRID_SHARE, batched_interval, even_times
 
 SLOWEST_HZ, FASTEST_HZ = 4.0, 4000.0
 """Lowest and highest rate of inertial sensors, Hz; another rate means a wrong unit of time. Their ratio is 1000, so
@@ -128,7 +128,7 @@ def _without_rereads(recording: Recording) -> Recording:
     t, changed = recording.t, np.append(True, row_changes(recording.acc, recording.gyr))
     new = _new_samples(t, changed)
     reread = ~new & (np.diff(t, prepend=-np.inf) > 0.0)
-    taken, fault = (t, "") if reread.mean() <= OFF_BEAT else even_times(t[new])
+    taken, fault = (t, "") if reread.mean() <= OFF_GRID_SHARE else even_times(t[new])
     if not fault:
         return recording
     warn(
