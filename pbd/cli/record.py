@@ -126,9 +126,9 @@ def _simulated(args: argparse.Namespace, stack: ExitStack) -> SimulatedHand | No
 
 def _report(args: argparse.Namespace, outcome: Outcome) -> None:
     """Print the result, as JSON or in words with the next command."""
-    if outcome.before:
+    if outcome.backup_note:
         with suppress(OSError):  # the terminal is closed
-            print(outcome.before, file=sys.stderr)
+            print(outcome.backup_note, file=sys.stderr)
     _warn_of_rate(args.rate, outcome)
     folder = None if outcome.folder is None else str(outcome.folder)
     if args.json:

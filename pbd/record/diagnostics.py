@@ -1,7 +1,7 @@
 """Check a sensor while it records, when a fault can still be corrected.
 
 It finds a saturated or stuck axis, a gyro or magnetometer that does not change, and a sensor that repeats its samples.
-`pbd.tracking` finds the same faults in a finished recording (saturation.py, channel_faults.py).
+`pbd.tracking.repair` finds the same faults in a finished recording (saturation.py, channel_faults.py).
 """
 
 from collections import deque
@@ -27,9 +27,9 @@ WINDOW_S = STUCK_S + 2.0 * CHECK_EVERY_S
 REPEAT_WARNING_S = 5.0
 """Time after which a warning is repeated if the fault persists, s."""
 
-MOVING_STD = 0.5
-"""Standard deviation of an acceleration axis above which the hand certainly moves, m/s2. At rest a sound gyro may
-repeat itself."""
+MOVING_ACC_STD = 0.5
+"""Standard deviation of an accelerometer axis above which the hand certainly moves, m/s2. At rest, a working gyro may
+repeat its reading."""
 
 MIN_SAMPLES = 8
 """Smallest number of samples in the window for a check."""
@@ -100,7 +100,7 @@ class Diagnostics:
         gyro_goes_on = window.gyr is not None and _changes(window.gyr[now])
         if gyro_goes_on and not _changes(window.acc[now]) and frozen_rows(window)[now].all():
             faults["acc frozen"] = "the accelerometer repeats itself while the gyro goes on: plug the sensor in again"
-        if long_enough and np.std(window.acc, axis=0).max() > MOVING_STD:
+        if long_enough and np.std(window.acc, axis=0).max() > MOVING_ACC_STD:
             if window.gyr is not None and not _changes(window.gyr):
                 faults["gyro dead"] = (
                     "the gyro reads the same while the hand moves, so it is dead: repair or replace the sensor"
@@ -112,7 +112,7 @@ class Diagnostics:
 
 
 def _window(recent: deque[tuple[float, Sample]]) -> Recording:
-    """Make a recording of the samples. If some have a gyro reading, those without one are left out."""
+    """Make a recording of the samples with an acceleration. If some have a gyro reading, those without are left out."""
     has_gyr = any(sample.gyr for _, sample in recent)
     complete = [(t, sample) for t, sample in recent if sample.acc and (sample.gyr or not has_gyr)]
     return recording_from_samples(np.array([t for t, _ in complete]), [sample for _, sample in complete])

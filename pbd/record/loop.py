@@ -19,10 +19,11 @@ SUSPENDED_S = 1.0
 """Idle time in one round of the loop which shows that this program was suspended (Ctrl-Z, a sleeping machine), s."""
 
 MAX_BACKLOG_S = 2.0
-"""Longest time that samples may wait to be taken, s. Above it they come faster than this machine takes them."""
+"""Longest time that samples may wait to be taken, s. If they wait longer, they come faster than this machine can take
+them."""
 
 MIN_SAMPLES = 2
-"""Smallest number of samples with which a recording begins."""
+"""Smallest number of samples in the first SILENT_S. With fewer, the device sends too slowly to be recorded."""
 
 SCREEN_EVERY_S = 0.1
 """Time between two updates of the screen, s."""
@@ -52,8 +53,11 @@ def record(
 
     Args:
         open_port: opens the sensor's port; called again to reconnect.
-        poll: returns the person's latest command, without waiting.
-        show: draws the screen, every `every_s` s.
+        decoder: a new decoder of the sensor's protocol.
+        options: what to record, and where.
+        poll: returns the person's latest command, or None, without waiting.
+        show: draws the screen.
+        every_s: s between two calls of `show`.
 
     Raises:
         SensorError: no port, no bytes, or no packets among them; no folder is made.
@@ -132,7 +136,7 @@ def _run(session: Session, reader: Reader, poll: Poll, show: Callable[[Status], 
         if command in ENDED_BY:
             return ENDED_BY[command]
         if command is Command.GRIP:
-            session.grip()
+            session.toggle_grip()
         if options.duration_s is not None and session.t >= options.duration_s:
             return f"{options.duration_s:g} s recorded"
         if now - shown >= every_s and session.demo is not None:

@@ -9,7 +9,7 @@ from pbd.data import Keyframe, LinearErrors, SensorErrors
 from pbd.data.tracking import UNSURE_M
 from pbd.errors import PbdError
 from pbd.pose import Array
-from pbd.record.session_types import Say
+from pbd.record.session_types import Message
 from pbd.sensors.decoding import Sample
 from pbd.tracking.estimate import has_grip
 from pbd.tracking.online.tracker import LiveEvent, LiveTracker, RestFound, StopBegan, StopEnded
@@ -33,14 +33,14 @@ class Feedback:
     def __init__(self, tolerance_m: float, errors: SensorErrors | None = None, sensor: str = "") -> None:
         self.tracker = LiveTracker(sensor)
         self._announced = 0
-        self._left_s = 0.0
-        self._gaps: dict[int, tuple[float, float]] = {}
+        self._left_s = 0.0  # when the hand left its last stop
+        self._moves: dict[int, tuple[float, float]] = {}
         self._grips: list[float] = []
         self._tolerance_m = tolerance_m
         self._errors = errors
         self._field: deque[tuple[float, Array]] = deque()  # magnetometer readings of the last second
         self._block: list[tuple[float, Sample]] = []
-        self._said: list[Say] = []
+        self._said: list[Message] = []
         self._reminded = False
         self._warned = False  # that the present move needs a pause
         self._last_error = ""
@@ -48,8 +48,8 @@ class Feedback:
 
     @property
     def stops(self) -> int:
-        """Number of stops so far. A stop that taps interrupted counts once, as in `pbd.track`."""
-        return self._announced - sum(has_grip(left, arrived, self._grips) for left, arrived in self._gaps.values())
+        """Number of stops so far. A stop that a grip interrupts, as two taps do, counts once, as in `pbd.track`."""
+        return self._announced - sum(has_grip(left, arrived, self._grips) for left, arrived in self._moves.values())
 
     def mark_grip(self, t: float) -> None:
         """Note that the grip changed at t s."""
@@ -97,9 +97,9 @@ class Feedback:
 
     def say(self, t: float, text: str, bell: bool = False) -> None:
         """Add a message."""
-        self._said.append(Say(t, text, bell))
+        self._said.append(Message(t, text, bell))
 
-    def take_messages(self) -> tuple[Say, ...]:
+    def take_messages(self) -> tuple[Message, ...]:
         """Return the messages since the last call."""
         messages, self._said = tuple(self._said), []
         return messages
@@ -116,11 +116,11 @@ class Feedback:
         elif isinstance(event, StopBegan):
             known, self._announced, self._warned = event.index < self._announced, event.index + 1, False
             if not known:
-                self._gaps[event.index] = self._left_s, event.t
-            self._gaps = {index: gap for index, gap in self._gaps.items() if index <= event.index}
+                self._moves[event.index] = self._left_s, event.t
+            self._moves = {index: move for index, move in self._moves.items() if index <= event.index}
             if event.index:
                 text = f"stop {event.index} at {describe_stop(event.keyframe)}"
-                lost = sigma_of(event.keyframe) > UNSURE_M
+                lost = position_sigma(event.keyframe) > UNSURE_M
                 advice = "very uncertain: pause in long moves, or begin again" if lost else "you may move on"
                 # A known index is the same stop with a better position, so it rings no second bell.
                 self.say(event.announced_t, text if known else f"{text}: {advice}", bell=not known)
@@ -132,16 +132,16 @@ class Feedback:
 
 def describe_stop(keyframe: Keyframe) -> str:
     """Write a stop's position in nav, and one sigma along its least certain axis, in cm."""
-    return f"{place(keyframe.T_nav_sensor.p)}, sigma {100.0 * sigma_of(keyframe):.1f} cm"
+    return f"{position_text(keyframe.T_nav_sensor.p)}, sigma {100.0 * position_sigma(keyframe):.1f} cm"
 
 
-def place(p_nav: Array) -> str:
+def position_text(p_nav: Array) -> str:
     """Write a position, given in m, as (1.0, 0.0, -2.0) cm, without a minus before zero."""
     x, y, z = np.round(100.0 * p_nav, 1) + 0.0
     return f"({x:.1f}, {y:.1f}, {z:.1f}) cm"
 
 
-def sigma_of(keyframe: Keyframe) -> float:
+def position_sigma(keyframe: Keyframe) -> float:
     """Return one sigma of a keyframe's position along its least certain axis, m."""
     return float(np.sqrt(np.diagonal(keyframe.cov)[:3].max()))
 

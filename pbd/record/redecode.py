@@ -17,7 +17,7 @@ from pbd.sensors.probe import describe_bytes, identify_protocol, printed_line
 from pbd.timestamps.sample_clock import SampleClock
 
 MOST_BACKWARDS = 0.05
-"""Largest share of steps at which a device's time may run backwards: a reset is rare, and few digits are corrupted."""
+"""Largest share of steps at which a device's time may run backwards. Resets are rare, and few digits are corrupted."""
 
 
 def decode_raw(path: Path, decoder: Decoder, sensor: str, rate_hz: float | None = None) -> Demonstration:
@@ -60,7 +60,7 @@ def _sample_times(
     steps = np.diff([np.nan if sample.t_device is None else sample.t_device for sample in samples])
     if (backwards := int((steps < 0.0).sum())) > MOST_BACKWARDS * len(steps):
         what = f"the device's time runs backwards at {backwards} of {len(samples)} samples, so it is no time"
-        raise RecordingError.at(path, f"{what}; of lines, call another column t, or none (then add --rate HZ)")
+        raise RecordingError.at(path, f"{what}; in a text of lines, name another column t, or none and add --rate HZ")
     if has_clock := bool((steps > 0.0).any()):
         # Samples of one time, as of a batch, are believed or left out together. A packet that came twice counts once.
         once = [sample for sample, before in zip(samples, [None, *samples], strict=False) if sample != before]

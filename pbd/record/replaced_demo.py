@@ -30,7 +30,7 @@ class Backup:
         return f"the old one is in {self.aside}{'' if self.why_kept else ' until this one has ended well'}"
 
     def replace(self) -> str:
-        """Remove it, unless it is kept, because the new one has ended well; return a message for the person."""
+        """Remove it, because the new one has ended well, unless `why_kept` says why not; return a message."""
         if self.why_kept:
             return f"the old {self.folder}, {self.why_kept}, is kept in {self.aside}"
         return remove_folder(self.aside) or f"the old {self.folder} is replaced"

@@ -28,7 +28,7 @@ from pbd.tracking.online.tracker import LiveTracker
 from pbd.tracking.taps import TapDetector
 
 CHANNELS_AFTER_S = 0.2
-"""Duration of the first samples, which show the sensor's channels, s. Nothing is written before."""
+"""Time after which the samples have shown the sensor's channels, s. Nothing is written to disk before."""
 
 FIRST_BYTES = 4096
 """Number of first bytes that are kept to identify the sensor if they can't be decoded."""
@@ -40,10 +40,12 @@ class Session:
     """Decodes, stamps, stores and tracks samples. It writes nothing to disk before the first samples.
 
     Attributes:
-        demo: writes the demonstration; None before the first samples.
+        demo: writes the demonstration; None until the recording has begun.
         t: time of the latest sample, s.
         heard: arrival of the latest sample on the host's clock, s; 0 before the first.
         closed: whether the grip is closed.
+        discarded: whether the person discarded the recording.
+        first_bytes: the first FIRST_BYTES bytes or more.
         backup: the demonstration that this one replaces, or None.
     """
 
@@ -73,7 +75,7 @@ class Session:
                 self._add(self._clock.take(decoded, decoded.t_device, arrival))
         while self._presses < self.decoder.tally.presses:
             self._presses += 1
-            self.grip()
+            self.toggle_grip()
         if len(self.first_bytes) < FIRST_BYTES:
             self.first_bytes += data
         if self.t >= CHANNELS_AFTER_S:
@@ -109,12 +111,12 @@ class Session:
             assert sample.acc is not None
             self._recent.append((t, hypot(*sample.acc)))
             if self._taps is not None and (tapped_t := self._taps.feed(t, sample.acc)) is not None:
-                self.grip(tapped_t)
+                self.toggle_grip(tapped_t)
             self.feedback.feed(t, sample)
             for line in self._diagnostics.feed(t, sample):
                 self.feedback.say(t, line, bell=True)
 
-    def grip(self, tapped_t: float | None = None) -> None:
+    def toggle_grip(self, tapped_t: float | None = None) -> None:
         """Toggle the grip: now, or at the time of the taps, s."""
         if self.demo is not None:
             self.closed = not self.closed
@@ -154,7 +156,11 @@ class Session:
         return f"the demonstration before it is in {self.backup.aside}"
 
     def begin(self) -> None:
-        """Begin with the samples so far, unless it has begun, was discarded, or nothing can be decoded."""
+        """Begin to write, with the samples so far. Nothing happens if it has begun, was discarded, or can't be decoded.
+
+        Raises:
+            RecordingError: the folder exists or can't be written.
+        """
         if self.demo is None:
             self._add(self._clock.release())
         if self.demo is not None or self.discarded or not self.decodable:
@@ -241,9 +247,9 @@ class Session:
             wxyz_nav_sensor=tracker.wxyz_nav_sensor,
             sigma_m=tracker.sigma_now,
             sigma_of_move_m=tracker.sigma_of_move,
-            tremble=float(np.std(norms)) if norms else 0.0,
+            tremor=float(np.std(norms)) if norms else 0.0,
             closed=self.closed,
-            said=self.feedback.take_messages(),
+            messages=self.feedback.take_messages(),
         )
 
     def outcome(self, ended_by: str) -> Outcome:
@@ -256,7 +262,7 @@ class Session:
             bad_packets=self.bad_packets,
             stops=self.feedback.stops,
             ended_by=ended_by,
-            before=self._backup_note,
+            backup_note=self._backup_note,
             why_bad=self.decoder.tally.why,
             why_failed=self._why_failed,
         )

@@ -52,10 +52,12 @@ class RecordOptions:
     """What to record, and how.
 
     Attributes:
+        folder: the demonstration's folder.
+        sensor: the protocol's name.
         created: UTC start in ISO 8601.
         duration_s: end the recording after this many seconds of samples; None: no limit.
         tolerance_m: ask for a pause when the position's sigma grows beyond this in a move.
-        closed: the hand will end at the dock.
+        closed: the hand will end where it started, at the dock.
         raw: also store the raw bytes.
         reconnect: wait for a sensor that is gone, and continue.
         force: replace an old demonstration of that name, once the new one has ended well.
@@ -78,7 +80,7 @@ class RecordOptions:
 
 
 @dataclass(frozen=True)
-class Say:
+class Message:
     """A message to the person, with a bell if the person should act or may move on."""
 
     t: float
@@ -92,16 +94,20 @@ class Status:
 
     Attributes:
         rate_hz: measured over the last second.
+        samples: number of samples so far.
         lost: number of samples that never came.
         bad_packets: number of rejected packets.
         waiting: what the tracker waits for, or "".
-        keyframes: one for each stop.
+        moving: whether the hand seems to move.
+        stops: number of stops so far, as in `Feedback.stops`.
+        keyframes: one for each of the tracker's stops.
         p_nav_sensor, v_nav_sensor, wxyz_nav_sensor: (3,) m, (3,) m/s, (4,).
         sigma_m: one sigma of the position along its least certain axis if the hand stopped now.
-        sigma_of_move_m: the part of it that the present move adds; 0 in a stop.
-        tremble: standard deviation of the norm of the specific force over the last half second, m/s2.
-        said: the messages since the last status.
-        ended: the samples are on disk, and the whole recording is being tracked: of an hour it takes some seconds.
+        sigma_of_move_m: the part of `sigma_m` that the present move adds; 0 in a stop.
+        tremor: standard deviation of the norm of the specific force over the last half second, m/s2.
+        messages: those since the last status.
+        closed: whether the grip is closed.
+        ended: the samples are on disk, and the whole recording is being tracked. For an hour this takes some seconds.
     """
 
     t: float
@@ -118,9 +124,9 @@ class Status:
     wxyz_nav_sensor: Array
     sigma_m: float
     sigma_of_move_m: float
-    tremble: float
+    tremor: float
     closed: bool
-    said: tuple[Say, ...]
+    messages: tuple[Message, ...]
     ended: bool = False
 
 
@@ -130,8 +136,9 @@ class Outcome:
 
     Attributes:
         folder: the demonstration's folder; None if it was discarded.
-        ended_by: who or what ended it.
-        before: what became of the demonstration that it replaced, in words, or "".
+        duration_s: time of the last sample, s after the first.
+        ended_by: who or what ended it, in words.
+        backup_note: what became of the demonstration that it replaced, in words, or "".
         why_bad: what was wrong with the last bad packet, as in `Tally`, or "".
         why_failed: why nothing can be replayed, or "".
     """
@@ -143,6 +150,6 @@ class Outcome:
     bad_packets: int
     stops: int
     ended_by: str
-    before: str = ""
+    backup_note: str = ""
     why_bad: str = ""
     why_failed: str = ""

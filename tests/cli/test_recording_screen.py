@@ -12,12 +12,12 @@ from pbd.cli.recording.screen import KEYS, TRACKED, PanelScreen, PlainScreen, ba
 from pbd.data import Keyframe
 from pbd.errors import PbdError
 from pbd.pose import Pose
-from pbd.record import Outcome, Say, Status
+from pbd.record import Message, Outcome, Status
 from pbd.view.live_view import LivePicture
 
 LEVEL = np.array([1.0, 0.0, 0.0, 0.0])
 STOP = Keyframe(3.0, 0.5, Pose(np.array([0.1, 0.0, -0.02]), LEVEL), 4e-6 * np.eye(6))
-SAID = Say(3.1, "stop 1 at (10.0, 0.0, -2.0) cm, sigma 0.2 cm: you may move on", bell=True)
+SAID = Message(3.1, "stop 1 at (10.0, 0.0, -2.0) cm, sigma 0.2 cm: you may move on", bell=True)
 STILL = Status(
     t=4.0,
     rate_hz=99.6,
@@ -33,13 +33,15 @@ STILL = Status(
     wxyz_nav_sensor=LEVEL,
     sigma_m=0.005,
     sigma_of_move_m=0.0,
-    tremble=0.034,
+    tremor=0.034,
     closed=True,
-    said=(SAID,),
+    messages=(SAID,),
 )
-MOVING = replace(STILL, moving=True, said=())
+MOVING = replace(STILL, moving=True, messages=())
 LONG = replace(MOVING, sigma_of_move_m=0.02, sigma_m=0.021)
-WAITING = replace(STILL, waiting="hold still for 1 s: the hand shakes with 0.31 m/s2", stops=0, keyframes=(), said=())
+WAITING = replace(
+    STILL, waiting="hold still for 1 s: the hand shakes with 0.31 m/s2", stops=0, keyframes=(), messages=()
+)
 
 
 class Drawn(PanelScreen):
@@ -81,7 +83,7 @@ def test_all_of_it_is_there_at_any_width(width: int) -> None:
 def test_a_low_terminal_shows_the_latest_and_the_keys() -> None:
     screen = Drawn(80, height=14)
     for k in range(9):
-        screen.show(replace(STILL, said=(Say(float(k), f"line {k}"),)))
+        screen.show(replace(STILL, messages=(Message(float(k), f"line {k}"),)))
     text = screen.text(STILL)
     assert "line 8" in text
     assert KEYS in text
@@ -118,7 +120,7 @@ def test_a_bar_is_full_at_the_tolerance() -> None:
 def test_plain_lines(capsys: pytest.CaptureFixture[str]) -> None:
     screen = PlainScreen("recording demos/tea from witmotion")
     for t in np.arange(0.0, 5.0, 0.5):
-        screen.show(replace(STILL, t=float(t), said=(SAID,) if t == 3.0 else ()))
+        screen.show(replace(STILL, t=float(t), messages=(SAID,) if t == 3.0 else ()))
     screen.ask("sure?")
     screen.ask("")
     out, err = capsys.readouterr()
@@ -170,5 +172,5 @@ def test_without_the_browser_recording_goes_on() -> None:
     live.show(MOVING)
     live.end(Outcome(None, 400, 4.0, 3, 2, 2, "you"))
     assert browser.closed
-    assert [say.text for say in shown[0].said] == [SAID.text, "the browser's page is gone; recording goes on"]
+    assert [say.text for say in shown[0].messages] == [SAID.text, "the browser's page is gone; recording goes on"]
     assert shown[1] is MOVING

@@ -20,7 +20,7 @@ from pbd.tracking.repair.splices import refuse_doubled
 from tests.cli.test_recording_screen import STILL
 from tests.record.speakers import random_hand
 
-OPEN = replace(STILL, closed=False, said=())
+OPEN = replace(STILL, closed=False, messages=())
 HAND = random_hand(400, seed=1)
 
 
@@ -90,7 +90,7 @@ def test_the_end_of_the_task_is_told_once_and_ends_it_where_nobody_could(
     emulator.sent = 400
     show(OPEN)
     show(OPEN)
-    said = [[say.text for say in status.said] for status in shown]
+    said = [[say.text for say in status.messages] for status in shown]
     assert said == [[], [f"the simulated task is finished: {then}"], []]
     ends = then == "it ends here"
     assert poll() is (Command.FINISH if ends else None)

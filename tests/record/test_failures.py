@@ -135,7 +135,7 @@ def test_flaws_of_the_sensor_are_told_while_it_records(tmp_path: Path) -> None:
         session.take(speaker.encode(hand, 0), 0.01 * k)
         session.flush()
     session.close()
-    (told,) = (say for say in session.status().said if "all samples are the same so far" in say.text)
+    (told,) = (say for say in session.status().messages if "all samples are the same so far" in say.text)
     assert told.bell
 
 

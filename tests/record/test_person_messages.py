@@ -8,7 +8,7 @@ import pytest
 from pbd.data import Keyframe
 from pbd.pose import Pose
 from pbd.record.person_messages import Feedback, describe_stop, in_cm
-from pbd.record.session_types import Say
+from pbd.record.session_types import Message
 from pbd.sensors.decoding import Sample
 from pbd.tracking.online.tracker import DataFlaw, LiveEvent, StopBegan, StopEnded
 
@@ -41,7 +41,7 @@ def scripted(monkeypatch: pytest.MonkeyPatch) -> tuple[Feedback, Scripted]:
     return feedback, tracker
 
 
-def said(scripted: tuple[Feedback, Scripted], t: float, *events: LiveEvent, **state: object) -> tuple[Say, ...]:
+def said(scripted: tuple[Feedback, Scripted], t: float, *events: LiveEvent, **state: object) -> tuple[Message, ...]:
     feedback, tracker = scripted
     tracker.events = events
     for name, value in state.items():
@@ -84,7 +84,9 @@ def test_a_pause_is_asked_for_once_in_a_move(scripted: tuple[Feedback, Scripted]
 
 
 def test_a_flaw_of_the_data_is_told(scripted: tuple[Feedback, Scripted]) -> None:
-    assert said(scripted, 0.1, DataFlaw(0.1, "80 ms of data are missing")) == (Say(0.1, "80 ms of data are missing"),)
+    assert said(scripted, 0.1, DataFlaw(0.1, "80 ms of data are missing")) == (
+        Message(0.1, "80 ms of data are missing"),
+    )
 
 
 def test_lengths_are_written_as_one_says_them() -> None:
@@ -111,7 +113,7 @@ def test_what_can_not_be_tracked_is_told_once() -> None:
 )
 def test_a_start_without_rest_is_told_soon(up: float, shakes: float, told: str) -> None:
     rng, feedback = np.random.default_rng(1), Feedback(0.01)
-    lines = list[Say]()
+    lines = list[Message]()
     for k in range(400):
         x, y, z = rng.normal((shakes * np.sin(0.3 * k), 0.0, up), 0.01).tolist()
         feedback.feed(k / 100.0, Sample((x, y, z), (0.001 * (k % 7), 0.0, 0.0)))

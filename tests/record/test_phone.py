@@ -79,7 +79,7 @@ def recorded(phone: Phone, folder: Path, **given: Any) -> tuple[Outcome, list[st
     said, opened = list[str](), list[PhonePort]()
 
     def show(status: Status) -> None:
-        said.extend(say.text for say in status.said)
+        said.extend(say.text for say in status.messages)
 
     def again() -> PhonePort:
         if opened:

@@ -46,7 +46,7 @@ class Watched:
 
     @property
     def said(self) -> list[str]:
-        return [say.text for status in self.shown for say in status.said]
+        return [say.text for status in self.shown for say in status.messages]
 
 
 def options(folder: Path, **given: object) -> RecordOptions:
@@ -155,7 +155,7 @@ def test_a_forced_recording_without_a_rest_does_not_take_the_old_ones_place(tmp_
     (tmp_path / "tea.new").mkdir()
     outcome = recorded(pouring, Watched(), options(tea, duration_s=0.4, force=True))
     assert outcome.folder == tmp_path / "tea.new-2"
-    assert outcome.before == f"no rest was found in it, so it is kept in {outcome.folder}; the old {tea} is back"
+    assert outcome.backup_note == f"no rest was found in it, so it is kept in {outcome.folder}; the old {tea} is back"
     assert sorted(path.name for path in tmp_path.iterdir()) == ["tea", "tea.new", "tea.new-2"]
     assert (tea / "notes.txt").exists()
     assert len(read_demo(outcome.folder).recording) == outcome.samples
@@ -182,7 +182,7 @@ def test_a_forced_recording_that_cannot_be_replayed_does_not_cost_the_old_one(
     assert why in outcome.why_failed
     assert outcome.folder == tea
     assert len(read_demo(tea).recording) == outcome.samples
-    assert (f"the old one is kept in {tea}.before" in outcome.before) is kept
+    assert (f"the old one is kept in {tea}.before" in outcome.backup_note) is kept
     assert read_demo(tea).failed is kept
     assert (tmp_path / "tea.before" / "truth.csv").exists() is kept
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 from pbd.data.one_line_repr import counted
 from pbd.errors import PbdError
 from pbd.record.person_messages import in_cm
-from pbd.record.session_types import Outcome, Say, Status
+from pbd.record.session_types import Message, Outcome, Status
 from pbd.view.live_view import LivePicture, LiveView, State
 
 PAGE_EVERY_S = 0.05
@@ -24,8 +24,8 @@ class LiveScreen:
 
     def show(self, status: Status) -> None:
         """Show a status in both."""
-        if status.said:
-            self._line = status.said[-1].text
+        if status.messages:
+            self._line = status.messages[-1].text
         if self._view is not None:
             self._last = self._picture(status)
             try:
@@ -33,7 +33,7 @@ class LiveScreen:
             except PbdError as error:
                 self._view.close()
                 self._view = None
-                status = replace(status, said=(*status.said, Say(status.t, error.message)))
+                status = replace(status, messages=(*status.messages, Message(status.t, error.message)))
         self._show(status)
 
     def end(self, outcome: Outcome) -> None:

@@ -7,8 +7,8 @@ from contextlib import suppress
 from typing import TYPE_CHECKING, Self
 
 from pbd.errors import amount
-from pbd.record.person_messages import describe_stop, in_cm, place
-from pbd.record.session_types import Say, Status
+from pbd.record.person_messages import describe_stop, in_cm, position_text
+from pbd.record.session_types import Message, Status
 
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType
@@ -40,8 +40,8 @@ class PlainScreen:
         if self._title:
             _print(f"{self._title}; hold still")
             self._title = ""
-        for say in status.said:
-            _print(f"{say.t:7.1f} s  {say.text}{self._bell if say.bell else ''}")
+        for message in status.messages:
+            _print(f"{message.t:7.1f} s  {message.text}{self._bell if message.bell else ''}")
         if status.t - self._shown_t >= PLAIN_EVERY_S:
             self._shown_t = status.t
             _print(f"{status.t:7.1f} s  {state(status)}; {health(status)}")
@@ -61,7 +61,7 @@ class PanelScreen:
         from pbd.view.safe_console import Screen
 
         self._title, self._tolerance_m = title, tolerance_m
-        self._lines: list[Say] = []
+        self._lines: list[Message] = []
         self._question = ""
         self._console: Console = Screen(sys.stderr)
         self._live = Live(console=self._console, auto_refresh=False, transient=False)
@@ -81,9 +81,9 @@ class PanelScreen:
 
     def show(self, status: Status) -> None:
         """Draw the panel for a status."""
-        self._lines = [*self._lines, *status.said][-LINES_KEPT:]
+        self._lines = [*self._lines, *status.messages][-LINES_KEPT:]
         with suppress(OSError):  # the terminal is gone, but recording continues
-            if any(say.bell for say in status.said):
+            if any(message.bell for message in status.messages):
                 self._console.bell()
             self._live.update(self.panel(status), refresh=True)
 
@@ -99,7 +99,7 @@ class PanelScreen:
         hand = f"pause now: {in_cm(status.sigma_of_move_m)}" if pause else state(status)
         colour = "yellow" if status.waiting or pause else "cyan" if status.moving else "green"
         table.add_row("hand", Text(hand, style=f"bold {colour}"))
-        table.add_row("place", place(status.p_nav_sensor))
+        table.add_row("place", position_text(status.p_nav_sensor))
         last = "none yet"
         if status.stops > 1:
             last = f"{status.stops - 1}, the last at {describe_stop(status.keyframes[-1])}"
@@ -126,7 +126,7 @@ def state(status: Status) -> str:
     """Say whether the hand moves."""
     if status.waiting:
         return status.waiting
-    return "moving" if status.moving else f"stands still (tremor {status.tremble:.2f} m/s2)"
+    return "moving" if status.moving else f"stands still (tremor {status.tremor:.2f} m/s2)"
 
 
 def health(status: Status) -> str:

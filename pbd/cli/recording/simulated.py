@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from pbd.data import GripEvent
 from pbd.record.loop import Poll
-from pbd.record.session_types import Command, Say, Status
+from pbd.record.session_types import Command, Message, Status
 from pbd.sensors.decoding import Decoder
 from pbd.sensors.port import Port, open_port
 from pbd.sensors.protocols import protocol
@@ -65,8 +65,8 @@ class SimulatedHand:
             self._closed = status.closed
             if self._emulator.over and not self._announced:
                 self._announced = True
-                over = Say(status.t, f"the simulated task is finished: {then}", bell=True)
-                status = replace(status, said=(*status.said, over))
+                over = Message(status.t, f"the simulated task is finished: {then}", bell=True)
+                status = replace(status, messages=(*status.messages, over))
             show(status)
 
         return poll_both, show_too
