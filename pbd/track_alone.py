@@ -13,7 +13,7 @@ from pbd.tracking.repair.channel_faults import refuse_freezes
 from pbd.tracking.repair.gaps import is_in_rest, refuse_gaps
 from pbd.tracking.repair.gyro_consistency import warn_upside_down
 from pbd.tracking.repair.repair_recording import repair_recording
-from pbd.tracking.repair.saturation import find_clips, restore
+from pbd.tracking.repair.saturation import declip, find_clips
 from pbd.tracking.residual_tests import alarms
 from pbd.tracking.smoother.preintegration import LostMotion
 
@@ -34,9 +34,9 @@ def track_alone(
     clips = find_clips(recording)
     lost: tuple[LostMotion, ...] = ()
     if method == "default":
-        recording, lost = restore(recording, clips)
+        recording, lost = declip(recording, clips)
     errors = None if calibration is None else calibration.sensor
-    recording = corrected(recording, errors)  # after `restore`: clipping is at the range of the raw values
+    recording = corrected(recording, errors)  # after `declip`: clipping is at the range of the raw values
     rest = find_rest(recording)
     if calibration is None:  # planning compares the tilt with the calibration's dock
         warn_upside_down(recording, rest.up_sensor, rest.start, rest.stop)

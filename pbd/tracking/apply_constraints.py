@@ -33,6 +33,7 @@ def apply_constraints(
 
     Args:
         path: as tracked, without constraints.
+        known: what a person knows of its stops.
         calibration: for the lever from sensor to tool, positions in base and the table's height.
         T_base_nav: nav in base, with a calibration.
 
@@ -81,10 +82,10 @@ def measurement_of(
                 misfit[row] -= sign * claim.axes @ p_stop[stop]
                 G[stop, :3, row] += sign * claim.axes.T
                 G[stop, 3:, row] += sign * np.cross(lever, claim.axes).T
-        R[row, row] += claim.own * np.eye(len(claim.value))
+        R[row, row] += claim.own_variance * np.eye(len(claim.value))
         for relative, column in zip(claims, rows, strict=True):
             if relative.group == claim.group:
-                R[row, column] += claim.shared * np.eye(len(claim.value))
+                R[row, column] += claim.shared_variance * np.eye(len(claim.value))
     if calibration is not None:
         errors = np.zeros((9, 9))
         errors[START_ERRORS, START_ERRORS] = calibration.cov_start

@@ -15,7 +15,7 @@ from pbd.pose import Array, lengths, quat_inverse, quat_log, quat_multiply
 from pbd.tracking.first_rest import Rest
 from pbd.tracking.noise import OUTLIER_SIGMAS, Noise, acc_sigma_factor
 from pbd.tracking.smoother.normal_equations import STATE, STATE_ACC_BIAS, STATE_GYR_BIAS, Solved
-from pbd.tracking.smoother.path import Path, between_stops
+from pbd.tracking.smoother.path import SensorPath, between_stops
 from pbd.tracking.smoother.preintegration import ACC_MATRIX, GYR_MATRIX, LAG, POS, ROT, LostMotion, integral_of_means
 from pbd.tracking.smoother.smooth import Solution, smooth
 from pbd.tracking.smoother.state import lower_matrix
@@ -26,8 +26,8 @@ BOUNCE_S, BOUNCE_M, BOUNCE_RAD = 0.3, 0.02, np.radians(10.0)
 and the sensor moved less than BOUNCE_M (m) and turned less than BOUNCE_RAD (rad) from one to the other."""
 
 GRIP_S = 0.8
-"""Largest gap, s, between two stops that count as one because a grip is marked in the gap or up to this long before the
-gap. There the fingers close, or tap twice (taps.py)."""
+"""Longest gap, s, between two stops that a grip joins. The grip is marked in the gap, or up to this long before it. In
+the gap the fingers close, or tap twice (taps.py)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +43,7 @@ class Estimate:
         sensor: the sensor's errors; None: not estimated.
     """
 
-    path: Path
+    path: SensorPath
     stops: tuple[Stop, ...]
     closure: Array
     covariance: PoseCovariance
@@ -178,17 +178,18 @@ def has_grip(left: float, arrived: float, grips: Sequence[float]) -> bool:
 
 
 def is_where_it_was(noise: Noise, moved: float, turned: float) -> bool:
-    """Whether a hand that moved by so much (m) and turned by so much (rad) may have stood still, but for a knock."""
+    """Whether a displacement (m) and a turn (rad) are so small that the hand stood still, except for a knock."""
     max_shift = OUTLIER_SIGMAS * noise.still_shift
-    return moved < max_shift and turned < max_shift / noise.pivot
+    return moved < max_shift and turned < max_shift / noise.pivot_distance
 
 
 def _with_still_stops(
     solution: Solution, stops: Sequence[Stop], joined: Sequence[Sequence[int]], p_stop: Array
-) -> Path:
-    """The path with each stop at one place (k, 3); its creep in a stop is distributed over the moves beside it.
+) -> SensorPath:
+    """The path relative to the first stop, with each stop at one place: `p_stop` (k, 3) m.
 
-    If the hand was shaken between the joined parts of a stop, the attitude is kept there.
+    How far the smoothed path creeps within a stop is distributed over the moves beside it. Where the hand was shaken
+    between the joined parts of a stop, the attitude is held.
     """
     path, t, noise = solution.path, solution.problem.frame.t, solution.problem.noise
     p, places = path.p - p_stop[0], p_stop - p_stop[0]
@@ -201,7 +202,7 @@ def _with_still_stops(
             shaken = _farthest(path.p[left:arrived], path.wxyz[left:arrived], path.p[left - 1], path.wxyz[left - 1])
             if not is_where_it_was(noise, *shaken):
                 wxyz[left:arrived] = wxyz[left - 1]
-    return Path(wxyz, v, p, path.a)
+    return SensorPath(wxyz, v, p, path.a)
 
 
 def _covariance_times(solved: Solved, knots: Sequence[int], p: Array, columns: Array) -> Array:

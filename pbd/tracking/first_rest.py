@@ -13,8 +13,8 @@ from pbd.pose import Array, lengths
 from pbd.tracking.moving_windows import PASSES, moving_mean_variance, moving_means, rows_of_mean, window_sums
 
 REST_S, SHORT_REST_S = 1.0, 0.5
-"""s: length of the first rest, and of a quiet rest (QUIET_ACC, QUIET_GYR) that serves where the hand moves in any
-longer one (QUIET_ENERGY). A foot that walks stands still for little more than half a second."""
+"""s: length of the first rest; and of a quiet rest (QUIET_ACC, QUIET_GYR) that is used instead if the hand moves in
+every longer one (QUIET_ENERGY). A walking foot stands still for little more than half a second."""
 
 QUIET_RATIO = 4.0
 """A second is quiet if its restlessness is at most this many times that of the quietest second."""
@@ -24,14 +24,14 @@ QUIET_ACC, QUIET_GYR = 0.08, 0.02
 
 QUIET_ENERGY = 10.0
 """Energy of a window, as a multiple of the first rest's, below which the window is quiet. It is also quiet below the
-energy of a hand that rests on something (QUIET_ACC, QUIET_GYR). So a second is no rest if it is this many times as
-restless as a quiet half second."""
+energy of a hand that rests on something (QUIET_ACC, QUIET_GYR). Likewise, a second is no rest if it is more than this
+many times as restless as a quiet half second."""
 
 WITHOUT_GRAVITY = 0.5
 """Specific force at rest, m/s2, below which gravity seems to have been removed. What remains is a bare part's bias
 (20 mg) and the gravity that an attitude wrong by 2 degrees leaves."""
 
-COUNTS = {f"{1.0 / per_g:.14f}".rstrip("0") + "g": per_g for per_g in (16384, 8192, 4096, 2048)}
+COUNTS_PER_G = {f"{1.0 / per_g:.14f}".rstrip("0") + "g": per_g for per_g in (16384, 8192, 4096, 2048)}
 """Name of a 16-bit accelerometer's count as a unit -> counts per g, at ranges of 2 to 16 g (InvenSense, MPU-6000 and
 MPU-6050 Product Specification). Counts are far more usual than mm/s2, whose 9807 per g are near 8192."""
 
@@ -75,10 +75,11 @@ class Rest:
 
 
 class _Calm(NamedTuple):
-    """A calm span of rows, and rms in it of the accelerometer, m/s2, and of the gyro, rad/s.
+    """A calm span, rows start <= i < stop.
 
     Attributes:
-        least_acc: m/s2, of the accelerometer in any other span of this length.
+        acc, gyr: m/s2 and rad/s, rms of the accelerometer and of the gyro in it, all axes together.
+        least_acc: m/s2, the smallest rms of the accelerometer in any span of this length.
     """
 
     start: int
@@ -100,9 +101,10 @@ def find_rest(recording: Recording, shortest_s: float = SHORT_REST_S) -> Rest:
     """Find the first quiet second of a recording without NaN, or half second where the hand moves in any second.
 
     A shorter recording is taken as a whole. A steady turn about the vertical is as quiet as a rest. So the gyro's mean
-    there must be that of most quiet seconds.
+    in the rest must be that of most quiet seconds.
 
     Args:
+        recording: without NaN in that rest.
         shortest_s: s, REST_S or SHORT_REST_S.
 
     Raises:
@@ -170,7 +172,7 @@ def likely_unit(norm_at_rest: float, factor: float) -> str | None:
     if _is_gravity(norm_at_rest):
         return None
     scales = {"g": 1.0 / GRAVITY, "mg": 1e3 / GRAVITY, "cm/s2": 1e2, "m/s2": 1.0}
-    scales |= {unit: per_g / GRAVITY for unit, per_g in COUNTS.items()} | {"mm/s2": 1e3}
+    scales |= {unit: per_g / GRAVITY for unit, per_g in COUNTS_PER_G.items()} | {"mm/s2": 1e3}
     if factor == 1.0:
         scales["m/s2"] = GRAVITY  # they were read as g before
     return next((unit for unit, scale in scales.items() if _is_gravity(norm_at_rest / (factor * scale))), None)
@@ -183,15 +185,15 @@ def _is_gravity(norm_at_rest: float) -> bool:
 def _refuse_wrong_units(norm_at_rest: float, source: SourceColumns, shakes: bool) -> None:
     """Refuse specific force (its norm at rest, m/s2) that is not near gravity, and name the likely reason.
 
-    Of a hand that shakes even then only a likely unit is named: the norm need not be gravity.
+    If the hand `shakes` even then, its norm need not be gravity, and only a likely unit is a reason to refuse it.
     """
     if _is_gravity(norm_at_rest):
         return
     said = f"at rest the accelerometer reads {norm_at_rest:.4g}, but gravity is {GRAVITY:.2f} m/s2"
     if likely := likely_unit(norm_at_rest, source.acc_factor):
-        what = "raw counts" if likely in COUNTS else f"in {likely}"
+        what = "raw counts" if likely in COUNTS_PER_G else f"in {likely}"
         why = f"the values are likely {what}: import the file with --unit acc={likely}"
-        why += ", and a gyro's counts with --unit gyr=NUMBERdeg/s" * (likely in COUNTS)
+        why += ", and a gyro's counts with --unit gyr=NUMBERdeg/s" * (likely in COUNTS_PER_G)
     elif shakes:
         return
     elif norm_at_rest < WITHOUT_GRAVITY:

@@ -17,8 +17,8 @@ from pbd.tracking.moving_windows import moving_means, rows_of_mean, squares, whi
 from pbd.tracking.white_noise import steps_of, white_noise
 
 OUTLIER_SIGMAS = 3.0
-"""An error of more sigmas along an axis is an outlier (by chance in 0.27 % of cases): a robust factor fades, a claim is
-refused, a lag is real."""
+"""An error of more sigmas along one axis is an outlier; by chance, 0.27 % of errors are. A robust factor loses its
+weight there, a claim is refused, and a lag is taken as real."""
 
 
 @dataclass(frozen=True)
@@ -90,7 +90,7 @@ class Noise:
     """1/sqrt(Hz): noise per m/s2 of the motion's acceleration (vibration rectification, nonlinearity of 0.5 %)."""
 
     acc_bend: float = 0.5
-    """Share of the motion between samples, as fourth differences show it, that the sensor's low-pass loses."""
+    """Share of the motion between samples, estimated from fourth differences, that the sensor's low-pass loses."""
 
     bend_knee: float = 10.0
     """m/s2: below this bend of the acceleration nothing is lost, because samples are means. Impacts bend more."""
@@ -122,28 +122,29 @@ class Noise:
     tremor_hz: float = 8.0
     """Hz: lowest frequency at which a hand that holds still shakes (physiological tremor: 8 to 12 Hz)."""
 
-    still_lever: float = 0.03
-    """m: how much the pivot, the fixed point about which a swaying hand turns, differs from stop to stop."""
+    pivot_scatter: float = 0.03
+    """m: how much the pivot's place relative to the sensor differs from stop to stop. The pivot is the fixed point
+    about which a swaying hand turns."""
 
-    pivot: float = 0.15
+    pivot_distance: float = 0.15
     """m: mean distance of the pivot from the sensor: a wrist, or the point on which a foot treads."""
 
     reach: float = 2.0
-    """m: distance of a hand that moves for long from its first rest, measured every second; robust."""
+    """m: a hand that moves for long stays about this near to its first rest. One measurement a second; robust."""
 
-    stride: float = 2.0
+    stride_time: float = 2.0
     """s: a foot that walks stands still at least so often (healthy people stride in 1 to 1.4 s, slow ones in 2 s)."""
 
-    compass: float = 0.15
-    """rad sqrt(s): error of heading by a room's magnetic field, averaged over a second."""
+    compass_heading: float = 0.15
+    """rad sqrt(s): error of the heading by a room's magnetic field; over T s it averages to this / sqrt(T)."""
 
-    field: float = 0.08
+    field_change: float = 0.08
     """Relative change of a room's magnetic field since the first rest. A larger change is a magnet's."""
 
     device_lag: float = 0.3
     """s: lag of a device's own attitude, from its low-pass (OceanServer's manual)."""
 
-    device_turn: float = 0.5 * DEG
+    device_attitude: float = 0.5 * DEG
     """rad: error of a device's own attitude (data sheets of compasses: 0.5 to 1 degree)."""
 
     unseen_speed: float = 0.1
@@ -161,8 +162,10 @@ def noise_of(
 
     Args:
         recording: its `info.sensor` gives the class.
-        errors: the calibration's, already corrected in the recording. It also gives the local gravity.
-        steps: of the gyro and the accelerometer; by default the recording's own.
+        rest: the rest in which white noise is measured.
+        errors: the calibration's, already corrected in the recording. They also give the local gravity.
+        steps: smallest steps of the readings of the gyro, rad/s, and the accelerometer, m/s2; by default the
+            recording's own.
     """
     sensor = next((found for word, found in CLASSES.items() if word in recording.info.sensor), FACTORY)
     gravity = Noise.gravity
@@ -193,7 +196,7 @@ def _calibrated(own: SensorClass, acc: LinearErrors, gyr: LinearErrors | None) -
 
 
 def acc_sigma_factor(noise: Noise, rest: Rest) -> float:
-    """Factor on the class' accelerometer sigmas, 1 or more: it grows with the error of gravity at rest."""
+    """Factor, 1 or more, on the accelerometer sigmas of the class. It grows with the error of gravity at rest."""
     shown = abs(rest.gravity - noise.gravity)
     return float(np.hypot(1.0, max(shown - 2.0 * noise.gravity_sigma, 0.0) / noise.sensor.acc_bias))
 

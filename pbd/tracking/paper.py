@@ -23,7 +23,7 @@ from pbd.errors import TrackingError, warn
 from pbd.pose import Array, quat_from_rpy, quat_inverse, quat_rotate
 from pbd.tracking.estimate import Estimate
 from pbd.tracking.first_rest import Rest
-from pbd.tracking.smoother.path import Path
+from pbd.tracking.smoother.path import SensorPath
 from pbd.tracking.zero_velocity import runs
 
 WINDOW = 2
@@ -56,7 +56,7 @@ def track_as_paper(recording: Recording, rest: Rest) -> Estimate:
     stops = paper_stops(recording.t, a_nav)
     p, v, closure = paper_path(recording.t, a_nav, stops)
     covariance = PoseCovariance.chained(paper_covariance(recording.t, stops, closure))
-    return Estimate(Path(wxyz, v, p, a_nav), stops, closure, covariance)
+    return Estimate(SensorPath(wxyz, v, p, a_nav), stops, closure, covariance)
 
 
 def paper_attitude(recording: Recording) -> Array:

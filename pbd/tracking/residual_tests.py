@@ -27,7 +27,7 @@ would be suspected if the estimate can fit it almost exactly (a gyro that reads 
 LEG_RMS = 0.8
 """Largest rms of a leg's nine residuals, in sigmas. In sound recordings it is at most 0.73."""
 
-FIELD_CHANGE = OUTLIER_SIGMAS * Noise.field
+FIELD_CHANGE = OUTLIER_SIGMAS * Noise.field_change
 """Relative change of the magnetic field since the first rest above which a magnet is near. Rooms vary by up to 0.2."""
 
 

@@ -17,12 +17,11 @@ EARLIEST_MIDDLE_S = 0.1
 
 
 def without_slow_ends(t: Array, spans: Spans, speed: Array, sharp: NDArray[np.bool_] | None = None) -> Spans:
-    """Spans in which a hand seems to rest, without the slow ends of the moves between them.
-
-    At least the middle of each span is left.
+    """Cut from each span the slow ends of the moves beside it. At least the middle of each span is left.
 
     Args:
         t: (n,) s.
+        spans: in which the hand seems to rest.
         speed: (n,) speed or rate, in any unit.
         sharp: (n,) rows at which a move is noticed at once; by default none.
     """

@@ -37,7 +37,8 @@ class Claim:
         value: (d,) m.
         levers: two (3,) m in nav, from the sensor to the tool, at `stop` and at `other`.
         by_calibration: (d, 9), derivative of the misfit with respect to the calibration's errors.
-        own, shared: m2 per axis, variance of this claim's own noise, and of noise common to all claims of its `group`.
+        own_variance, shared_variance: m2 per axis, of this claim's own noise, and of the noise that all claims of its
+            `group` have in common.
         group: number of the group.
         differs: the misfit in words, with {} for its size.
     """
@@ -50,8 +51,8 @@ class Claim:
     value: Array
     levers: tuple[Array, Array]
     by_calibration: Array
-    own: float
-    shared: float
+    own_variance: float
+    shared_variance: float
     group: int
     differs: str = "it is {} off"
 
@@ -116,6 +117,8 @@ def claims_of(
     """The constraints that follow from what is known. One that needs a missing calibration is left out, with a warning.
 
     Args:
+        path: as tracked.
+        known: what a person knows of its stops.
         calibration: gives the lever from sensor to tool (else 0), the table's height and the scale.
         T_base_nav: nav in base; without it positions in base and the table's height can't be used.
 

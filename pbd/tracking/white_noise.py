@@ -32,6 +32,7 @@ def white_noise(values: Array, energy: float, step: float, rate_hz: float) -> tu
         values: (n, 3), one sensor's readings at rest.
         energy: variance of their `moving_means`, summed over the axes.
         step: smallest difference between readings.
+        rate_hz: the sampling rate.
     """
     rms = np.sqrt(energy / white_energy(1.0, rate_hz))
     white, held = _rounding(step, rms)

@@ -74,8 +74,9 @@ def energies(u: Array, gyr: Array, n: int) -> Energies:
     Means over such windows, in two passes, hardly show tremor: a quarter of it at 6 Hz, 0.05 at 8 Hz, none at 10 Hz.
 
     Args:
-        u: (n, 3) m/s2, specific force in a frame that does not turn with the sensor.
-        gyr: (n, 3) rad/s, without bias.
+        u: (l, 3) m/s2, specific force in a frame that does not turn with the sensor.
+        gyr: (l, 3) rad/s, without bias.
+        n: rows in a window.
     """
     found = []
     for k, passes in ((rows_of_mean(n / ENERGY_WINDOW_S), PASSES), (n, 2)):
@@ -145,13 +146,10 @@ def _trembles(quiet: int, held: int, least: int) -> bool:
 
 
 class QuietWindows:
-    """Says of windows that come one after the other which are quiet, as `find_candidates` does of a recording.
-
-    Args:
-        least: number of windows in which a hand must be held still to be one that trembles.
-    """
+    """Says which windows are quiet, one after the other, as `find_candidates` does of a whole recording."""
 
     def __init__(self, rest: Rest, least: int) -> None:
+        """Begin; a hand must be held still for `least` windows to count as trembling."""
         self._limits, self._least = quiet_limits(rest), least
         self._in_a_row = 0  # quiet windows
         # Both count (quiet windows, all windows): since the hand is held; since then or its last rest, the later.
@@ -197,7 +195,7 @@ def sigma_by_energies(energy: Energies, dt: float, noise: Noise) -> Array:
     """Sigma of zero velocity (m,), m/s per axis, in each window; `dt` is the sampling interval, s."""
     of_acc, of_gyr = (white_energy(density / dt**0.5, 1.0 / dt) for density in (noise.acc_density, noise.gyr_density))
     shaken = np.maximum(energy.acc - of_acc, 0.0) / (2.0 * np.pi * noise.tremor_hz) ** 2
-    turned = noise.still_lever**2 * np.maximum(energy.gyr - of_gyr, 0.0)
+    turned = noise.pivot_scatter**2 * np.maximum(energy.gyr - of_gyr, 0.0)
     return np.sqrt(noise.still_speed**2 + shaken + turned)
 
 

@@ -127,7 +127,7 @@ WITHOUT: dict[str, tuple[Change, ...]] = {
     "slow ends of moves": tuple(
         (module, "without_slow_ends", lambda t, spans, *_: spans) for module in (zero_velocity, doubtful_stops)
     ),
-    "tremor, sway at a stop": of_noise(tremor_hz=LARGE, still_lever=0.0),
+    "tremor, sway at a stop": of_noise(tremor_hz=LARGE, pivot_scatter=0.0),
     "place held in a stop": of_noise(still_shift=LARGE),
     "attitude held in a stop": of_noise(still_turn=LARGE),
     "tremor in the air": ((zero_velocity, "SWAY_GYR", 0.0),),
@@ -150,9 +150,9 @@ WITHOUT: dict[str, tuple[Change, ...]] = {
     "noise by motion": of_noise(acc_motion=TINY),
     "noise between samples": of_noise(acc_bend=0.0),
     "knee of that noise": of_noise(bend_knee=TINY),
-    "compass robust": of_noise(field=LARGE),
+    "compass robust": of_noise(field_change=LARGE),
     "reach of a hand": of_noise(reach=LARGE),
-    "pivot": of_noise(pivot=TINY),
+    "pivot": of_noise(pivot_distance=TINY),
     "variance components": tuple(
         (variance_components, name, LARGE) for name in ("PRIOR_FREEDOM", "PRIOR_FREEDOM_STILL")
     ),

@@ -23,7 +23,7 @@ from pbd import track_alone
 from pbd.data import Recording, Stop
 from pbd.tracking import estimate, first_rest, residual_tests
 from pbd.tracking.repair import channel_faults, gaps, gyro_consistency, repair_recording
-from pbd.tracking.repair.saturation import restore
+from pbd.tracking.repair.saturation import declip
 from pbd.tracking.smoother import factors, large_errors
 from tests.benchmarks.ablation import LARGE, TINY, Change, changed
 from tests.benchmarks.faults import NICE
@@ -63,7 +63,7 @@ WITHOUT: dict[str, tuple[Change, ...]] = {
     "axes and unit of the gyro": ((gyro_consistency, "find_axis_error", nothing),),
     "unit of the accelerometer": ((first_rest, "_refuse_wrong_units", nothing),),
     "clipped peaks": ((track_alone, "find_clips", lambda _: ()),),
-    "doubt of clipped peaks": ((track_alone, "restore", lambda *clipped: (restore(*clipped)[0], ())),),
+    "doubt of clipped peaks": ((track_alone, "declip", lambda *clipped: (declip(*clipped)[0], ())),),
     "gravity at rest widens priors": tuple(
         (module, "acc_sigma_factor", lambda *_: 1.0) for module in (factors, estimate)
     ),

@@ -15,9 +15,9 @@ from pbd.pose import Array, quat_about_z, quat_canonical, quat_inverse, quat_log
 from pbd.tracking.first_rest import find_rest
 from pbd.tracking.noise import noise_of
 from pbd.tracking.repair.repair_recording import repair_recording
-from pbd.tracking.repair.saturation import find_clips, restore
+from pbd.tracking.repair.saturation import declip, find_clips
 from pbd.tracking.smoother.normal_equations import STATE
-from pbd.tracking.smoother.path import Path
+from pbd.tracking.smoother.path import SensorPath
 from pbd.tracking.smoother.preintegration import POS, ROT, VEL
 from pbd.tracking.smoother.smooth import Solution, smooth
 from pbd.tracking.smoother.variance_components import with_own_noise
@@ -41,14 +41,14 @@ class Motion:
     The covariance is relative to the mean heading while moving, as the score is.
     """
 
-    path: Path
+    path: SensorPath
     windows: dict[float, tuple[Ends, Array]]
 
 
 def motion_of(trial: Trial, lengths: Sequence[float] = WINDOWS_S) -> Motion:
     """Smooth a whole trial as `track` does, with a knot at each end of its windows."""
     recording, gaps = repair_recording(trial.recording)
-    recording, lost = restore(recording, find_clips(recording))
+    recording, lost = declip(recording, find_clips(recording))
     rest = find_rest(recording)
     ends = {length: window_ends(trial, length) for length in lengths}
     asked = sorted({row for of in ends.values() for window in of for row in window})
@@ -74,7 +74,7 @@ def seen_by_optics(trial: Trial) -> NDArray[np.bool_]:
     return seen
 
 
-def joint_covariance(solution: Solution, path: Path, mean: Array, ends: Ends) -> Array:
+def joint_covariance(solution: Solution, path: SensorPath, mean: Array, ends: Ends) -> Array:
     """Covariance (k, 12, k, 12) of windows, given how the mean heading is made of the knots' (m,)."""
     rows = np.array(ends, dtype=np.intp).reshape(-1, 2)
     first, last = np.searchsorted(solution.problem.rows, rows).T

@@ -14,7 +14,7 @@ from pbd.data.units import unit_factor
 from pbd.errors import RecordingError
 from pbd.files.importers import import_file
 from pbd.files.importers.header_names import is_time, our_name, split_unit, why_never_read
-from pbd.tracking.repair.clock import with_clock
+from pbd.tracking.repair.clock import with_checked_times
 from tests.known import known
 
 DEG = np.pi / 180.0
@@ -69,8 +69,8 @@ def test_a_multiple_of_a_unit_is_a_number() -> None:
 def test_spreadsheets_and_matlabs_day_numbers_are_recognised_by_their_steps(tmp_path: Path, today: float) -> None:
     text = table("Time,ax,ay,az,gx,gy,gz", [f"{today + k * 0.01 / 86400.0:.10f}" for k in range(200)])
     with pytest.raises(RecordingError, match=r"likely in days: import the file with --unit t=day$"):
-        with_clock(read(tmp_path, text))
-    assert_allclose(with_clock(read(tmp_path, text, t="day")).t, np.arange(200) * 0.01, atol=3e-5)
+        with_checked_times(read(tmp_path, text))
+    assert_allclose(with_checked_times(read(tmp_path, text, t="day")).t, np.arange(200) * 0.01, atol=3e-5)
 
 
 @pytest.mark.parametrize("cell", ["", "N/A", "n/a", "NULL", "None", "-", "#N/A", "#NV", "NaN", "-nan(ind)"])
@@ -216,7 +216,7 @@ def test_a_slow_recording_is_not_told_to_take_its_times_for_others(
     (tmp_path / "run.csv").write_text(table(",".join((name, *AXES)), stamps if dates else numbers))
     found = import_file(tmp_path / "run.csv")
     with pytest.raises(RecordingError) as refused:
-        with_clock(found.recording)
+        with_checked_times(found.recording)
     said, faster = refused.value.message, "; record faster, 4 a second at least"
     if dates or name == "time_ms":
         assert said.endswith(f" s apart{faster}")
@@ -322,4 +322,4 @@ def test_points_beside_decimal_commas_may_be_decimal_marks(tmp_path: Path, name:
 def test_times_that_are_too_close_are_named_in_their_own_unit(tmp_path: Path) -> None:
     text = table(";".join(("time_ms", *AXES)), [f"{100 + 0.01 * k:.3f}" for k in range(200)], ";")
     with pytest.raises(RecordingError, match=r"closer than any sensor's; the column 'time_ms' must be ms$"):
-        with_clock(read(tmp_path, text))
+        with_checked_times(read(tmp_path, text))

@@ -269,7 +269,7 @@ def task_of(name: str, seed: int) -> Task:
         "tipping": lambda: random_task(seed, max_turn=np.radians(80.0)),
         "level": lambda: with_sway(
             *(random_task(seed, max_turn=0.0, rest_s=(1.0, 1.5)), Noise.still_speed, seed),
-            turn=Noise.still_speed / Noise.pivot,
+            turn=Noise.still_speed / Noise.pivot_distance,
         ),
         "shuttle": lambda: _shuttle(float(np.random.default_rng(seed).uniform(0.5, 0.6))),
     }

@@ -87,7 +87,7 @@ def demonstration(task: str, sensor: str, seed: int, sway_speed: float = 0.0) ->
     The hand sways by `sway_speed`, m/s, and turns as about its pivot.
     """
     drawn = RANDOM[task](seed) if task in RANDOM else TASKS[task]
-    demo = simulate(with_sway(drawn, sway_speed, seed, turn=sway_speed / Noise.pivot), MODELS[sensor], seed)
+    demo = simulate(with_sway(drawn, sway_speed, seed, turn=sway_speed / Noise.pivot_distance), MODELS[sensor], seed)
     truth = demo.truth
     assert truth is not None
     wxyz = quat_multiply(truth.wxyz_nav_sensor, quat_inverse(accelerometer_axes(sensor, seed)))

@@ -42,7 +42,7 @@ from pbd.tracking.online.filter import (
     UP,
     ErrorStateFilter,
 )
-from pbd.tracking.online.sample_repair import Sample, SampleRepair
+from pbd.tracking.online.sample_repair import RepairedSample, SampleRepair
 from pbd.tracking.online.strapdown import Leg, Strapdown
 from pbd.tracking.online.sway import sway_of
 from pbd.tracking.online.tracker import DataFlaw, LiveEvent, LiveTracker, RestFound, StopBegan, StopEnded
@@ -219,7 +219,7 @@ def test_the_heading_of_a_hand_that_sways_in_its_first_rest_lies_within_its_sigm
     scaled = []
     for seed in (0, 1):
         task = replace(TASKS["pour"], waypoints=TASKS["pour"].waypoints[:7])
-        swaying = with_sway(task, Noise.still_speed, seed, turn=Noise.still_speed / Noise.pivot)
+        swaying = with_sway(task, Noise.still_speed, seed, turn=Noise.still_speed / Noise.pivot_distance)
         demo = simulate(swaying, sensor, seed)
         truth, keyframes = known(demo.truth), fed(replace(demo.recording, mag=None))[0].keyframes
         true = [truth.wxyz_nav_sensor[int(np.searchsorted(truth.t, keyframe.t))] for keyframe in keyframes]
@@ -257,7 +257,7 @@ def from_rest_to_rest(wobble: float, up_to: int = 120) -> tuple[Strapdown, list[
     phase = 2.0 * np.pi * 4.0 * t[:, None]
     moving = (np.abs(t - 3.0) < 0.25)[:, None]
     gyr = known(recording.gyr)[part] + wobble * moving * np.cos(phase + np.arange(3.0))
-    samples = [Sample(k, *row) for k, row in enumerate(zip(t.tolist(), acc, gyr, strict=True))]
+    samples = [RepairedSample(k, *row) for k, row in enumerate(zip(t.tolist(), acc, gyr, strict=True))]
     strapdown = Strapdown(samples[0], 0.01, WHITE, np.zeros(3), no_gyro=False)
     legs = []
     for sample in samples[1:up_to]:
@@ -275,7 +275,7 @@ def test_a_wobble_turns_it_as_it_turns_the_batch() -> None:
 
 def test_a_force_that_grows_evenly_is_integrated_exactly() -> None:
     growth, none = np.array([0.0, 3.0, -2.0]), np.zeros(3)
-    samples = [Sample(k, 0.1 * k, GRAVITY * UP + 0.1 * k * growth, none) for k in range(10)]
+    samples = [RepairedSample(k, 0.1 * k, GRAVITY * UP + 0.1 * k * growth, none) for k in range(10)]
     strapdown = Strapdown(samples[0], 0.1, WHITE, none, no_gyro=False)
     for sample in samples[1:4]:  # before the first samples the force did not grow
         strapdown.push(sample)
@@ -319,9 +319,9 @@ def test_a_gyro_at_the_end_of_its_range_may_have_lost_a_fifth_of_it(rate: float,
 
     def seen(step: float) -> tuple[bool, float]:
         gyr = np.linspace(rate, rate + step, rows)[:, None] * UP
-        strapdown = Strapdown(Sample(0, 0.0, GRAVITY * UP, gyr[0]), 0.01, WHITE, np.zeros(3), no_gyro=False)
+        strapdown = Strapdown(RepairedSample(0, 0.0, GRAVITY * UP, gyr[0]), 0.01, WHITE, np.zeros(3), no_gyro=False)
         for k in range(1, rows):
-            strapdown.push(Sample(k, 0.01 * k, GRAVITY * UP, gyr[k]))
+            strapdown.push(RepairedSample(k, 0.01 * k, GRAVITY * UP, gyr[k]))
         return strapdown.clipped, float(strapdown.leg(GRAVITY * UP).Q[2, 2])
 
     (clipped, variance), (_, usual) = seen(0.0), seen(1e-6)
@@ -351,7 +351,7 @@ def test_a_compass_counts_as_much_as_it_lasts_and_less_in_a_disturbed_field(stro
     rest, field = find_rest(poured_at_first()), np.array((3.0, 20.0, -45.0))
     noise = noise_of(poured_at_first(), rest)
     kalman, north = ErrorStateFilter(noise, rest, np.eye(3), field, no_gyro=False), IDENTITY[NORTH_ROW]
-    kalman.P = noise.compass**2 * np.outer(north, north)  # nothing else is unsure
+    kalman.P = noise.compass_heading**2 * np.outer(north, north)  # nothing else is unsure
     seen = stronger * quat_rotate(quat_about_z(0.002), kalman.E @ field)
     dip = np.arctan2(seen[2], np.hypot(seen[0], seen[1]))
     trust = float(compass_heading(seen[None], float(np.linalg.norm(field)), dip, noise)[2][0])
@@ -359,9 +359,9 @@ def test_a_compass_counts_as_much_as_it_lasts_and_less_in_a_disturbed_field(stro
     left = 1.0 / (1.0 + 3.0 * trust)
     assert (left == pytest.approx(0.25, rel=1e-3)) == (stronger == 1.0)
     assert kalman.north == pytest.approx((1.0 - left) * 0.002, rel=1e-3)
-    assert kalman.P[NORTH_ROW, NORTH_ROW] == pytest.approx(left * noise.compass**2, rel=1e-3)
+    assert kalman.P[NORTH_ROW, NORTH_ROW] == pytest.approx(left * noise.compass_heading**2, rel=1e-3)
     kalman.update_compass(kalman.E.T @ (0.0, 0.0, -50.0), 3.0)  # straight down, it shows no north
-    assert kalman.P[NORTH_ROW, NORTH_ROW] == pytest.approx(left * noise.compass**2, rel=1e-3)
+    assert kalman.P[NORTH_ROW, NORTH_ROW] == pytest.approx(left * noise.compass_heading**2, rel=1e-3)
 
 
 def test_the_further_away_a_hand_is_the_less_its_reach_pulls_it_back() -> None:
@@ -376,7 +376,7 @@ def test_the_further_away_a_hand_is_the_less_its_reach_pulls_it_back() -> None:
 
 def test_the_devices_own_attitude_is_less_sure_the_faster_it_turns() -> None:
     rest, off = find_rest(poured_at_first()), np.array((0.002, -0.003, 0.004))
-    noise = replace(noise_of(poured_at_first(), rest), device_turn=0.03, device_lag=0.2)
+    noise = replace(noise_of(poured_at_first(), rest), device_attitude=0.03, device_lag=0.2)
     kalman, unsure = ErrorStateFilter(noise, rest, np.eye(3), None, no_gyro=True), np.zeros(STATES)
     unsure[ROT] = 1.0
     kalman.E, kalman.P = quat_to_matrix(quat_exp(off)), np.diag(0.05**2 * unsure)
@@ -787,7 +787,7 @@ def test_the_pose_within_a_leg_is_the_one_that_the_filter_has_once_the_leg_ends(
     kalman = ErrorStateFilter(noise_of(poured_at_first(), rest), rest, np.eye(3), None, no_gyro=False)
     kalman.v, kalman.x = np.array([0.3, -0.2, 0.1]), np.zeros(ERRORS)
     force, rate = GRAVITY * UP + np.array([2.0, 1.0, -3.0]), np.array([0.5, -1.0, 2.0])
-    samples = [Sample(k, 0.01 * k, force, rate) for k in range(6)]
+    samples = [RepairedSample(k, 0.01 * k, force, rate) for k in range(6)]
     strapdown = Strapdown(samples[0], 0.01, WHITE, np.zeros(3), no_gyro=False)
     for sample in samples[1:]:
         strapdown.push(sample)

@@ -142,7 +142,7 @@ def test_errors_of_the_calibration_act_as_finite_differences_say(seed: int) -> N
     unsure = replace(sure, cov_sensor_tool=np.diag((1e-4, 4e-4, 9e-4, 1.0, 1.0, 1.0)))
     more = np.subtract(*(measurement_of(found, p_stop, each)[1] for each in (unsure, sure)))
     assert_near(more, by_calibration[:, 6:] * (1e-4, 4e-4, 9e-4) @ by_calibration[:, 6:].T, 1e-12)
-    assert [claim.own + claim.shared for claim in found] == pytest.approx([(0.002 / scale) ** 2] * 4)
+    assert [claim.own_variance + claim.shared_variance for claim in found] == pytest.approx([(0.002 / scale) ** 2] * 4)
 
 
 def test_a_tool_far_out_over_the_table_is_less_sure_in_height() -> None:

@@ -29,7 +29,7 @@ from pbd.pose import (
 from pbd.tracking.first_rest import Rest
 from pbd.tracking.noise import OUTLIER_SIGMAS, Noise, acc_sigma_factor
 from pbd.tracking.online.strapdown import Leg, Strapdown, turn_matrix
-from pbd.tracking.smoother.attitude import heading, to_upright
+from pbd.tracking.smoother.attitude import heading, quat_to_vertical
 from pbd.tracking.smoother.factors import compass_heading
 from pbd.tracking.smoother.preintegration import ACC_BIAS, ACC_MATRIX, ERRORS, GYR_BIAS, GYR_MATRIX, LAG, POS, ROT, VEL
 
@@ -83,7 +83,7 @@ class ErrorStateFilter:
         errors[GYR_BIAS], errors[ACC_BIAS] = noise.gyr_bias, acc_factor * sensor.acc_bias
         errors[LAG], errors[GYR_MATRIX] = noise.lag_sigma, sensor.gyr_scale
         errors[ACC_MATRIX] = acc_factor * sensor.acc_scale
-        sigma[SENSOR_ERRORS], sigma[GRAVITY_ROW], sigma[NORTH_ROW] = errors, noise.gravity_sigma, noise.compass
+        sigma[SENSOR_ERRORS], sigma[GRAVITY_ROW], sigma[NORTH_ROW] = errors, noise.gravity_sigma, noise.compass_heading
         self.P = np.diag(sigma**2)
         self._walks = _walks(noise)
         self.clone_pose()
@@ -189,7 +189,7 @@ class ErrorStateFilter:
         strength, dip = float(lengths(earth)), float(np.arctan2(earth[2], np.hypot(earth[0], earth[1])))
         (east,), (by_turn,), (trust,) = compass_heading(h[None], strength, dip, self.noise)
         if trust > 0.0:
-            self._update_heading(east, by_turn, self.noise.compass**2 / lasted / trust)
+            self._update_heading(east, by_turn, self.noise.compass_heading**2 / lasted / trust)
 
     def update_reach(self, lasted: float) -> None:
         """For `lasted` s the hand was within reach of its first rest; robust by Cauchy's weight, as in `factors`."""
@@ -197,7 +197,7 @@ class ErrorStateFilter:
 
     def update_device_attitude(self, rate: Array) -> None:
         """Without a gyro the gyro frame is nav, but the device's attitude errs, and lags at `rate` (3,) rad/s."""
-        variance = self.noise.device_turn**2 + self.noise.device_lag**2 * float(rate @ rate)
+        variance = self.noise.device_attitude**2 + self.noise.device_lag**2 * float(rate @ rate)
         self._update_heading(float(matrix_log(self.E)[2]), UP, variance)
         self._update(IDENTITY[:2], -matrix_log(self.E)[:2], variance, robust=False)
 
@@ -264,7 +264,7 @@ def _walks(noise: Noise) -> Array:
 
 def _level(up: Array, field: Array | None) -> Array:
     """Nav <- sensor (3, 3), from the vertical and the compass' field, or without one the sensor's own axis."""
-    wxyz = quat_canonical(to_upright(up))
+    wxyz = quat_canonical(quat_to_vertical(up))
     if field is None:
         off = -heading(wxyz[None])
     else:

@@ -14,7 +14,7 @@ from pbd.tracking.moving_windows import PASSES, rows_of_mean
 from pbd.tracking.noise import Noise
 from pbd.tracking.online.events import LiveEvent, StopBegan, StopEnded
 from pbd.tracking.online.filter import ErrorStateFilter
-from pbd.tracking.online.sample_repair import Sample
+from pbd.tracking.online.sample_repair import RepairedSample
 from pbd.tracking.online.strapdown import Strapdown
 from pbd.tracking.online.sway import deviation_from_line, sway_of
 from pbd.tracking.smoother.doubtful_stops import SLOW_SPEED
@@ -23,8 +23,8 @@ from pbd.tracking.smoother.preintegration import BLOCK_S, GYR_BIAS, integral_of_
 from pbd.tracking.zero_velocity import ENERGY_WINDOW_S, SHORTEST_MOVE_S, QuietWindows, energies, sigma_by_energies
 
 CONFIRM_S, CONFIRM_DOUBTED_S, CONFIRM_NO_GYRO_S = 0.2, 2.0, 0.6
-"""Time at rest, s, before a stop is announced: a clear one; a doubtful one; a doubtful one without a gyro.
-A doubtful stop's time is longer than half of a hand's slowest move."""
+"""Time at rest, s, before a stop is announced: a clear stop; a doubtful one; a doubtful one without a gyro. The time of
+a doubtful stop is longer than half of a hand's slowest move."""
 
 VELOCITY_GATE, VELOCITY_MEAN = 14.2, 3.0
 """The 99.7 % quantile and the mean of a velocity's squared Mahalanobis distance (chi-square, 3 degrees of freedom)."""
@@ -34,8 +34,8 @@ VELOCITY_GATE, VELOCITY_MEAN = 14.2, 3.0
 class LiveStop:
     """A stop so far: its first and latest sample, and the pose at its last knot with covariance (6, 6)."""
 
-    first: Sample
-    last: Sample
+    first: RepairedSample
+    last: RepairedSample
     pose: Pose
     cov: Array
 
@@ -55,7 +55,7 @@ class StopTrial:
     """A stop under test: its first sample; whether it is doubtful; whether it continues the last stop after a jolt; the
     largest squared Mahalanobis distance of its velocity from zero so far."""
 
-    first: Sample
+    first: RepairedSample
     doubted: bool
     jolted: bool
     worst: float = 0.0
@@ -71,7 +71,9 @@ class LiveHand:
         set_out: whether the hand certainly moved in what seemed a stop.
     """
 
-    def __init__(self, samples: Sequence[Sample], interval: float, rest: Rest, noise: Noise, has_gyro: bool) -> None:
+    def __init__(
+        self, samples: Sequence[RepairedSample], interval: float, rest: Rest, noise: Noise, has_gyro: bool
+    ) -> None:
         """Begin with the samples of the first rest."""
         self.flaws: list[str] = []
         self._no_gyro = not has_gyro
@@ -80,7 +82,7 @@ class LiveHand:
         self._interval, self._n = interval, max(2, round(ENERGY_WINDOW_S / interval))
         self._beside = PASSES * (rows_of_mean(1.0 / interval) - 1) // 2  # rows beside a window, for the moving means
         # The means of slow motion need a window on each side of one.
-        self._window: deque[tuple[Sample, Array, Array]] = deque(maxlen=3 * self._n)
+        self._window: deque[tuple[RepairedSample, Array, Array]] = deque(maxlen=3 * self._n)
         self._past_stops: list[LiveStop] = []
         self._shaking: Array = np.zeros(3)
         self._angles = [(samples[0].t, np.zeros(3))]  # of the present stop's last second
@@ -111,7 +113,7 @@ class LiveHand:
         for each in self._filters():
             each.use_noise(noise)
 
-    def advance(self, sample: Sample) -> list[LiveEvent]:
+    def advance(self, sample: RepairedSample) -> list[LiveEvent]:
         """Take the next sample; return the events that it completes."""
         strapdown = self._strapdown
         strapdown.push(sample)
@@ -154,10 +156,10 @@ class LiveHand:
         """The filter, and the one under test if there is one."""
         return [self._filter] if self._trial_filter is None else [self._filter, self._trial_filter]
 
-    def _update_between_knots(self, sample: Sample) -> None:
+    def _update_between_knots(self, sample: RepairedSample) -> None:
         """Update the heading by the compass, or the attitude by the device's own; bound the position in a long move."""
         for each in self._filters():
-            if sample.t - self._t_knot > 0.5 * self._noise.stride:
+            if sample.t - self._t_knot > 0.5 * self._noise.stride_time:
                 each.update_reach(sample.t - self._t_compass)
             if self._no_gyro:
                 each.update_device_attitude(self._strapdown.rate)
@@ -179,7 +181,7 @@ class LiveHand:
         self._t_knot = t
         self._angles = [each for each in self._angles if same and t - each[0] < REST_S] or self._angles[-1:]
 
-    def _knot_is_due(self, sample: Sample) -> bool:
+    def _knot_is_due(self, sample: RepairedSample) -> bool:
         return sample.t - self._t_knot >= STOP_KNOT_S - 1e-6
 
     def _is_moving(self, kalman: ErrorStateFilter) -> tuple[float, bool]:
@@ -187,7 +189,7 @@ class LiveHand:
         off, speed = kalman.velocity_test(self._sigma, self._shaking)
         return off, off > VELOCITY_GATE and speed > SLOW_SPEED
 
-    def _continue_stop(self, stop: LiveStop, sample: Sample, quiet: bool) -> list[LiveEvent]:
+    def _continue_stop(self, stop: LiveStop, sample: RepairedSample, quiet: bool) -> list[LiveEvent]:
         """Continue a stop, or find that it is over.
 
         A slow start is seen late, so each knot becomes final only at the next one. A hand that arrives slowly seems to
@@ -219,7 +221,7 @@ class LiveHand:
             return [StopEnded(len(self._past_stops) - 1, stop.last.t, stop.keyframe)]
         return []
 
-    def _look_for_stop(self, sample: Sample, quiet: bool) -> list[LiveEvent]:
+    def _look_for_stop(self, sample: RepairedSample, quiet: bool) -> list[LiveEvent]:
         """Test for a stop: run a copy of the filter under the hypothesis that the hand stands still."""
         trial, last = self._trial, self._past_stops[-1].last
         if (
@@ -249,7 +251,7 @@ class LiveHand:
             self._add_knot(self._trial_filter, sample.t, same=True)
         return []
 
-    def _begin_stop(self, trial: StopTrial, sample: Sample) -> StopBegan:
+    def _begin_stop(self, trial: StopTrial, sample: RepairedSample) -> StopBegan:
         """Accept the hypothesis: a stop."""
         self._trial, self.still, self._settled = None, True, trial.doubted or trial.worst < VELOCITY_MEAN
         if self._settled and self._trial_filter is not None:

@@ -10,7 +10,7 @@ from pbd.pose import Array
 from pbd.timestamps.even_times import even_times
 from pbd.timestamps.stamper import Stamper
 from pbd.tracking.first_rest import REST_S
-from pbd.tracking.repair.clock import CLOCK_JUMP_S, replaced
+from pbd.tracking.repair.clock import CLOCK_JUMP_S, replaced_stamps_message
 from pbd.tracking.repair.gaps import BRIDGED_S
 from pbd.tracking.repair.units import LARGEST_READING
 
@@ -21,12 +21,12 @@ INCOMPLETE_S = 2.0
 """Rows that lack numbers for longer than this, s, are reported: the hand is not tracked meanwhile. A choice."""
 
 JUDGED_ROWS = 128
-"""Number of rows by which it is judged anew whether their times jitter, as a link may begin to later. It is above
-FEW_DELAYS of `even_times`, so that samples taken at uneven times are told from jitter."""
+"""After this many rows it is judged anew whether their times jitter, because a link may begin to jitter later. It is
+above FEW_DELAYS of `even_times`, so that samples taken at uneven times are told from jitter."""
 
 
 @dataclass(frozen=True, eq=False)
-class Sample:
+class RepairedSample:
     """One sample without missing numbers.
 
     Attributes:
@@ -78,8 +78,8 @@ class SampleRepair:
         self._count = 0
         self._row = _Row(-1, None, None, None, None)  # the latest
         self._t = self._given_t = np.nan  # s, of the latest row: as fed, and as it was given to `_sample`
-        self._late = 0.0  # s, by how much times that jittered were late before they were straightened
-        self._last: Sample | None = None
+        self._late = 0.0  # s, largest lateness of the times before they were straightened
+        self._last: RepairedSample | None = None
         self._clock_wrong = False
         self._incomplete = False
 
@@ -89,7 +89,7 @@ class SampleRepair:
 
     def take(
         self, t: float, acc: Array | None, gyr: Array | None, mag: Array | None, device_rpy: Array | None
-    ) -> tuple[list[Sample], list[str]]:
+    ) -> tuple[list[RepairedSample], list[str]]:
         """Take the next row; return the samples that are known now, and what is wrong, in words."""
         number, self._count = self._count, self._count + 1
         if not np.isfinite(t):
@@ -107,7 +107,7 @@ class SampleRepair:
         if t == self._t and _repeats(before, self._row):
             return [], []
         self._t = t
-        samples: list[Sample] = []
+        samples: list[RepairedSample] = []
         stamped, faults = self._stamp(t, self._row)
         for at, row in stamped:
             more, wrong = self._sample(at, row)
@@ -144,9 +144,9 @@ class SampleRepair:
         if not held:  # each has its time already, and was late by up to so much
             stamped += self._stamper.release()
             self._late = max(t - at for t, (at, _) in zip(times, stamped, strict=True))
-        return stamped if held else [], [replaced(fault, even)]
+        return stamped if held else [], [replaced_stamps_message(fault, even)]
 
-    def _sample(self, t: float, row: _Row) -> tuple[list[Sample], list[str]]:
+    def _sample(self, t: float, row: _Row) -> tuple[list[RepairedSample], list[str]]:
         """The samples that a row gives at t s, and what is wrong."""
         if t <= self._given_t:  # two samples can't have the same time; straightened times may begin earlier
             return [], []
@@ -160,7 +160,7 @@ class SampleRepair:
             what = f"the rows since {last.t:.3f} s lack numbers in {' and '.join(lost)}"
             return [], [f"{what}; the hand is not tracked until they come again"]
         self._incomplete = False
-        sample = Sample(
+        sample = RepairedSample(
             number,
             t,
             np.array(acc, dtype=np.float64),
@@ -173,7 +173,9 @@ class SampleRepair:
             return [sample], []
         return self._bridged(last, sample, self._interval)
 
-    def _bridged(self, last: Sample, sample: Sample, interval: float) -> tuple[list[Sample], list[str]]:
+    def _bridged(
+        self, last: RepairedSample, sample: RepairedSample, interval: float
+    ) -> tuple[list[RepairedSample], list[str]]:
         lasts = sample.t - last.t
         steps = max(round(lasts / interval), 1)
         late, self._late = self._late, 0.0

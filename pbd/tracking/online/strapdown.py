@@ -9,7 +9,7 @@ import numpy as np
 from pbd.pose import Array, lengths, matrix_log, quat_from_rpy, quat_to_matrix, skew
 from pbd.tracking.moving_windows import rows_of_mean
 from pbd.tracking.noise import Noise, densities
-from pbd.tracking.online.sample_repair import Sample
+from pbd.tracking.online.sample_repair import RepairedSample
 from pbd.tracking.repair.channel_faults import REPEATED_ROWS
 from pbd.tracking.smoother.knots import MOVE_KNOT_S
 from pbd.tracking.smoother.preintegration import (
@@ -62,7 +62,7 @@ class Strapdown:
         clipped: whether the gyro was at the end of its range; the reader resets it.
     """
 
-    def __init__(self, first: Sample, interval: float, noise: Noise, gyro_bias: Array, no_gyro: bool) -> None:
+    def __init__(self, first: RepairedSample, interval: float, noise: Noise, gyro_bias: Array, no_gyro: bool) -> None:
         self.noise = noise
         self._interval, self._bias, self._no_gyro = interval, gyro_bias, no_gyro
         self.block = max(1, round(BLOCK_S / interval))
@@ -86,7 +86,7 @@ class Strapdown:
         self._by_lag = _cross(self.rate, self._acc)
         self._gap_noise = np.zeros(2)
 
-    def push(self, sample: Sample) -> None:
+    def push(self, sample: RepairedSample) -> None:
         """Take the next sample."""
         dt = sample.t - self._t
         if self._no_gyro:
@@ -164,7 +164,7 @@ def _middles(dt: float, earlier: Array, before: Array, own: Array) -> Array:
     return dt * (6.0 * before + 3.0 * own - earlier) / 8.0
 
 
-def _device_attitude(sample: Sample) -> Array:
+def _device_attitude(sample: RepairedSample) -> Array:
     return quat_to_matrix(quat_from_rpy(np.asarray(sample.device_rpy, dtype=np.float64)))
 
 

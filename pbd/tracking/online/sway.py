@@ -21,7 +21,8 @@ def sway_of(t: Array, angle: Array) -> float:
     because the gyro's bias looks the same. A slow sway looks like a steady turn unless it is seen for long.
 
     Args:
-        angle: (n, 3) rad at t (n,) s, the integral of the gyro's rate.
+        t: (n,) s.
+        angle: (n, 3) rad, the integral of the gyro's rate.
     """
     lasts, turned = max(float(t[-1] - t[0]), np.finfo(float).tiny), angle - angle[0]
     steady = ((t - t[0]) / lasts)[:, None] * turned[-1]

@@ -14,7 +14,7 @@ from pbd.tracking.first_rest import QUIET_ACC, QUIET_GYR, QUIET_RATIO, REST_S, S
 from pbd.tracking.noise import Noise, noise_of
 from pbd.tracking.online.events import DataFlaw, LiveEvent, RestFound, StopBegan, StopEnded
 from pbd.tracking.online.live_stops import LiveHand
-from pbd.tracking.online.sample_repair import Sample, SampleRepair
+from pbd.tracking.online.sample_repair import RepairedSample, SampleRepair
 from pbd.tracking.repair.clock import SLOWEST_HZ
 from pbd.tracking.smoother.attitude import NO_ORIENTATION
 from pbd.tracking.white_noise import steps_of
@@ -47,9 +47,9 @@ class LiveTracker:
     newer keyframe replaces it.
 
     Model and noise are those of `pbd.track`. Only `pbd.track` uses later stops, the quietest second of the whole
-    recording, known places and short pauses too restless for a stop (of a foot), and corrects clipped axes. Only it
-    finds the slow ends of moves: here they may count as rest, and then a move of three seconds or more is off by tens
-    of centimetres, several times its sigma. A large lag of the gyro is estimated once a stop shows it.
+    recording, known places, and a foot's short pauses, which are too restless for a stop here. Only it corrects clipped
+    axes, and finds the slow ends of moves. Here these ends may count as rest, and then a move of three seconds or more
+    is off by tens of centimetres, several times its sigma. A large lag of the gyro is estimated once a stop shows it.
     """
 
     def __init__(self, sensor: str = "", *, straightened: bool = False) -> None:
@@ -62,7 +62,7 @@ class LiveTracker:
         self._sensor = sensor
         self._repair = SampleRepair(straightened=straightened)
         self._has_gyro: bool | None = None
-        self._recent: deque[Sample] = deque()
+        self._recent: deque[RepairedSample] = deque()
         self._t_next_look = -np.inf
         self._waiting = f"waiting for {REST_S:g} s of rest"
         self._hand: LiveHand | None = None
@@ -129,7 +129,7 @@ class LiveTracker:
                 events += self._look_for_rest(list(self._recent))
         return events
 
-    def _keep_last_second(self, sample: Sample) -> None:
+    def _keep_last_second(self, sample: RepairedSample) -> None:
         """Keep the samples of the last second; after a gap, only those since."""
         recent = self._recent
         if recent and (sample.unseen or sample.t - recent[-1].t > 1.0 / SLOWEST_HZ):
@@ -143,7 +143,7 @@ class LiveTracker:
         while len(recent) > 2 and sample.t - recent[1].t >= REST_S:
             recent.popleft()
 
-    def _look_for_rest(self, samples: list[Sample]) -> list[LiveEvent]:
+    def _look_for_rest(self, samples: list[RepairedSample]) -> list[LiveEvent]:
         """Start tracking at the first 1 s rest; later, take thresholds from a far quieter rest."""
         hand, t = self._hand, samples[-1].t
         self._t_next_look = t + (ENERGY_WINDOW_S if hand is None else REST_S)
@@ -183,7 +183,7 @@ class LiveTracker:
         self._steps = gyr, acc
         return noise_of(recording, rest, steps=self._steps)
 
-    def _recording_of(self, samples: list[Sample]) -> Recording:
+    def _recording_of(self, samples: list[RepairedSample]) -> Recording:
         return Recording(
             np.array([sample.t for sample in samples]),
             np.array([sample.acc for sample in samples]),

@@ -25,12 +25,11 @@ SHORTEST_S = 0.3
 CLOCK_JUMP_S = 60.0
 """Longest time between two samples of one demonstration, s. A longer one is a jump of the clock."""
 
-
 REREAD_SHARE = 0.1
 """A row that repeats the one before is the same sample if it comes sooner than an interval less this share of it."""
 
 
-def with_clock(recording: Recording) -> Recording:
+def with_checked_times(recording: Recording) -> Recording:
     """The recording with checked time stamps. Warns if they are replaced, or if the rate is not the nominal one.
 
     Raises:
@@ -45,7 +44,7 @@ def with_clock(recording: Recording) -> Recording:
     if len(known) > 1:  # another unit, before its steps are taken for jumps
         _refuse_slow(float(np.median(np.diff(known))) or batched_interval(known), source)
     _refuse_disorder(recording.t)
-    t = steady_clock(recording)
+    t = even_stamps(recording)
     recording = _without_rereads(recording if t is recording.t else replace(recording, t=t))
     step = float(np.median(np.diff(t)))
     if step <= 0.0:
@@ -101,7 +100,7 @@ def _refuse_slow(interval: float, source: SourceColumns) -> None:
     )
 
 
-def steady_clock(recording: Recording) -> Array:
+def even_stamps(recording: Recording) -> Array:
     """Time stamps (n,) s, evenly spaced if they were coarse, in batches or jittered; lost samples stay lost.
 
     `recording.t` must not run backwards. Warns if it changes the stamps.
@@ -111,19 +110,19 @@ def steady_clock(recording: Recording) -> Array:
     even, fault = even_times(t[new], recording.info.rate_hz)
     if fault:
         t = even[np.cumsum(new) - 1]
-        warn(replaced(fault, even))
+        warn(replaced_stamps_message(fault, even))
     return t
 
 
-def replaced(fault: str, even: Array) -> str:
-    """What to say of stamps with this fault, for which evenly spaced times (n,) s stand."""
+def replaced_stamps_message(fault: str, even: Array) -> str:
+    """The warning that stamps with this fault are replaced by evenly spaced times (n,) s."""
     return f"the time stamps {fault}; evenly spaced times at {1.0 / np.median(np.diff(even)):.4g} Hz are used instead"
 
 
 def _without_rereads(recording: Recording) -> Recording:
-    """Interpolate between samples that a program read now once, now twice. Warns of it.
+    """Interpolate between the samples if a program read some of them twice. Warns of it.
 
-    If it reads each of them equally often, they are as evenly spaced as the rows.
+    If it read all of them equally often, they are as evenly spaced as the rows, and stay as they are.
     """
     t, changed = recording.t, np.append(True, row_changes(recording.acc, recording.gyr))
     new = _new_samples(t, changed)
@@ -149,6 +148,7 @@ def _new_samples(t: Array, changed: NDArray[np.bool_]) -> NDArray[np.bool_]:
     Noise changes each sample. The readings of a coarse sensor may stay, but then for whole intervals.
 
     Args:
+        t: (n,) s.
         changed: (n,) rows that differ from the row before.
     """
     begin = np.flatnonzero(changed)

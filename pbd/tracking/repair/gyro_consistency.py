@@ -70,7 +70,7 @@ class Steady:
     Attributes:
         rows: (m,) middle row of each moment.
         up_sensor: (m, 3) unit, the vertical in sensor axes at each moment.
-        tilt_deg: (m,) degrees, by which it may be off because the hand accelerates.
+        tilt_deg: (m,) degrees, by which the vertical may be off because the hand accelerates.
         gyro_bias: (3,) rad/s, the gyro's mean over the quietest half second.
     """
 

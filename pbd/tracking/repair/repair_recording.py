@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pbd.data import Recording
 from pbd.errors import RecordingError, warn
 from pbd.tracking.repair.channel_faults import WITHOUT_FIELD, frozen_rows, magnetometer_is_dead, refuse_dead
-from pbd.tracking.repair.clock import with_clock
+from pbd.tracking.repair.clock import with_checked_times
 from pbd.tracking.repair.gaps import BRIDGED_S, FROZEN, Gap, bridged, find_gaps, warn_of_gaps
 from pbd.tracking.repair.gyro_consistency import refuse_disagreement
 from pbd.tracking.repair.splices import in_order, refuse_doubled, without_wild
@@ -32,7 +32,7 @@ def repair_recording(recording: Recording) -> tuple[Recording, tuple[Gap, ...]]:
     """
     # Contiguous columns: numpy is several times as fast with them.
     columns: dict[str, Any] = {name: np.asfortranarray(values) for name, values in recording.channels.items()}
-    recording = with_clock(dataclasses.replace(recording, **columns))
+    recording = with_checked_times(dataclasses.replace(recording, **columns))
     t, interval = recording.t, 1.0 / recording.rate_hz
     refuse_other_units(recording)
     recording, missing = _fill_missing(recording)

@@ -42,7 +42,7 @@ SIDE_SAMPLES = 2
 """Number of samples on either side of a flat top over which its fall is measured."""
 
 CHANCE_STEPS = 2.5
-"""Largest chance that a rounded peak repeats its top reading: this over the fall of its sides, in steps."""
+"""This, divided by the fall of a rounded peak's sides in steps, is the largest chance that the top reading repeats."""
 
 TAIL_STEPS = 30
 """Number of steps below the top reading over which peaks are counted. Higher peaks are rarer, so each but the highest
@@ -116,7 +116,7 @@ def clips_of(recording: Recording) -> tuple[Clip, ...]:
 
 
 def _clipped_runs(x: Array, sensor: str, new: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """Runs in which x (n,) is clipped at its largest value. `new` (n,): the sensor's readings do not repeat."""
+    """Runs in which x (n,) is clipped at its largest value. `new` (n,): rows that differ from the row before."""
     top = float(x.max())
     if top < LEAST_RANGE[sensor]:
         return []
@@ -139,11 +139,12 @@ def _clipped_runs(x: Array, sensor: str, new: NDArray[np.bool_]) -> list[tuple[i
     return tops if log_ways - others * log(TAIL_STEPS) < log(CLIPPED_CHANCE) else []
 
 
-def restore(recording: Recording, clips: Sequence[Clip]) -> tuple[Recording, tuple[LostMotion, ...]]:
+def declip(recording: Recording, clips: Sequence[Clip]) -> tuple[Recording, tuple[LostMotion, ...]]:
     """Extrapolate clipped peaks from their sides.
 
     Args:
         recording: without NaN.
+        clips: from `find_clips` or `clips_of`.
 
     Returns:
         The recording, and one sigma of what may still be lost, for each half of a clip.
@@ -165,10 +166,10 @@ def restore(recording: Recording, clips: Sequence[Clip]) -> tuple[Recording, tup
         fall = top - float((clip.sign * sides).min())
         unknown = float(overshoot.sum()) + LOST_SHARE * top * len(overshoot) + fall
         lost[clip.axis] = unknown * interval / np.sqrt(2.0)
-        by_sensor = {"acc": np.zeros(3), "gyr": np.zeros(3), clip.sensor: lost}
+        turn, dv = (lost, np.zeros(3)) if clip.sensor == "gyr" else (np.zeros(3), lost)
         quarter = (clip.stop - clip.start) // 4
         # It is unknown when it was lost, so each half gets an impulse of its own.
-        lost_motion += [LostMotion(row, **by_sensor) for row in (clip.start + quarter, clip.stop - quarter)]
+        lost_motion += [LostMotion(row, turn, dv) for row in (clip.start + quarter, clip.stop - quarter)]
     return replace(recording, **channels), tuple(lost_motion)
 
 

@@ -1,7 +1,8 @@
 """Repair wild samples and blocks in the wrong order; refuse blocks that came twice.
 
 At a splice the readings jump: the lines through the two rows on either side do not meet. An impact makes a jump too.
-But only at a splice do the lines meet once the wild rows are removed, or the two blocks exchanged."""
+But only at a splice do the lines meet once the wild rows are removed, or the two blocks exchanged.
+"""
 
 from dataclasses import replace
 from typing import Any
@@ -134,6 +135,7 @@ def _extrapolate(x: Array, edges: Rows, rows: int = 0) -> tuple[Array, Array]:
     """Extrapolate x (n, k) to the middle of each gap from the two rows before it, and from the two after: (m, k) each.
 
     Args:
+        x: (n, k) readings.
         edges: (m,) first row after each edge.
         rows: number of rows left out from there on; 0: the middle is half a row before the edge.
     """

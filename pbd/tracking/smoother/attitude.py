@@ -14,7 +14,7 @@ NO_ORIENTATION = (
 )
 
 
-def frame_of(recording: Recording, gyro_bias: Array) -> GyroFrame:
+def gyro_frame_of(recording: Recording, gyro_bias: Array) -> GyroFrame:
     """The gyro frame of a recording; without a gyro, integrated in the device's own attitude.
 
     Raises:
@@ -32,21 +32,21 @@ def frame_of(recording: Recording, gyro_bias: Array) -> GyroFrame:
     return gyro_frame(t, gyr, recording.acc, interval, wxyz)
 
 
-def first_guess(frame: GyroFrame, rows: Rows, stops: Spans) -> Array:
-    """Rotation level frame <- gyro frame, (k, 4) wxyz at some rows, each by the nearest stop.
+def level_at_stops(frame: GyroFrame, rows: Rows, stops: Spans) -> Array:
+    """Rotation from the gyro frame to a frame with z up, (k, 4) wxyz at some rows, each from the nearest stop.
 
-    At each stop the shortest turn since the stop before makes mean specific force vertical.
+    Mean specific force at a stop is vertical. Each stop adds the shortest turn to the rotation of the stop before.
     """
     start, stop = np.transpose(stops)
     gained = frame.U[stop - 1] - frame.U[start]
     levels, level = [], np.array([1.0, 0.0, 0.0, 0.0])
     for up in gained / np.maximum(lengths(gained), 1e-9)[:, None]:
-        level = quat_canonical(quat_multiply(to_upright(quat_rotate(level, up)), level))
+        level = quat_canonical(quat_multiply(quat_to_vertical(quat_rotate(level, up)), level))
         levels.append(level)
     return np.array(levels)[np.searchsorted(0.5 * (stop[:-1] + start[1:]), rows)]
 
 
-def to_upright(up: Array) -> Array:
+def quat_to_vertical(up: Array) -> Array:
     """The shortest turn of a unit vector (3,) to the vertical (any half turn if it points down): wxyz, unnormalised."""
     x, y, z = up
     return np.array((1.0 + z, y, 1e-12 - x, 0.0))

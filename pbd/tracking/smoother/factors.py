@@ -104,7 +104,7 @@ def _add_legs(
 
 
 def pivot_velocity(problem: Problem, x: State) -> tuple[Array, Array]:
-    """Velocity (m, 3) of the pivot r, v - R (w x r), and its derivative with respect to r (m, 3, 3)."""
+    """Velocity (m, 3) of the pivot, v - R (w x r), and derivative (m, 3, 3) by r, the lever from pivot to sensor."""
     swing = -(x.E @ problem.C @ skew(problem.rate))
     return x.v + swing @ x.shared[SHARED_PIVOT], swing
 
@@ -140,11 +140,11 @@ def _add_reach(equations: NormalEquations, problem: Problem, x: State, still: ND
     Knots within half a stride of one that stands still (`still`, (m,)) are left out: there the stops bound the motion.
     A prior at every second would pull all stops together; at a foot's stops, it would work against zero velocity.
 
-    Annealing keeps the full weight further away, by its square, as a wrong tilt moves the hand by the square of time.
-    Of a hand that moves for minutes, dead reckoning may end a kilometre away, from where the robust factor alone would
-    hardly bring it back.
+    Annealing keeps the full weight further away, by the square of `anneal`: a wrong tilt moves the hand by the square
+    of time. After minutes of motion, dead reckoning may end a kilometre away. From there the robust factor alone would
+    hardly bring the hand back.
     """
-    reach, t, half = problem.noise.reach, problem.t, 0.5 * problem.noise.stride
+    reach, t, half = problem.noise.reach, problem.t, 0.5 * problem.noise.stride_time
     count = np.concatenate(([0], np.cumsum(still)))
     bounded = count[np.searchsorted(t, t + half, side="right")] > count[np.searchsorted(t, t - half)]
     near = problem.duration / reach**2 / (1.0 + squares(x.p) / (anneal**2 * reach) ** 2)
@@ -155,7 +155,7 @@ def _add_compass(equations: NormalEquations, problem: Problem, field: Array, x: 
     """The field's horizontal part points north, with a weight that drops where the field is not the earth's."""
     h = np.einsum("kij,kj->ki", x.E, field)
     east, jacobian, trust = compass_heading(h, fixed.strength, fixed.dip, problem.noise, fixed.azimuth)
-    weight = trust * problem.duration / problem.noise.compass**2
+    weight = trust * problem.duration / problem.noise.compass_heading**2
     equations.diagonal[:, ROT, ROT] += weight[:, None, None] * jacobian[:, :, None] * jacobian[:, None, :]
     equations.g[:, ROT] += (weight * east)[:, None] * jacobian
 
@@ -173,7 +173,7 @@ def compass_heading(
     steeper = np.arctan2(h[:, 2], level) - dip
     with np.errstate(over="ignore"):  # a field that is stronger beyond all measure has no weight
         stronger = lengths(h) / strength - 1.0
-        off = (stronger**2 + steeper**2 + (np.cos(dip) * east) ** 2) / noise.field**2
+        off = (stronger**2 + steeper**2 + (np.cos(dip) * east) ** 2) / noise.field_change**2
     dh = -skew(h)  # d h / d theta
     by_turn = (h[:, 1:2] * dh[:, 0] - h[:, :1] * dh[:, 1]) / level[:, None] ** 2
     return east, by_turn, np.where(level > LEAST_LEVEL_FIELD * lengths(h), (1.0 / (1.0 + off)) ** 2, 0.0)
@@ -183,7 +183,7 @@ def _add_device_attitude(equations: NormalEquations, problem: Problem, x: State)
     """The device's own attitude. It lags, so its sigma grows with the rate."""
     noise = problem.noise
     rate = lengths(problem.frame.gyr[problem.rows])
-    sigma = np.hypot(noise.device_turn, noise.device_lag * rate)
+    sigma = np.hypot(noise.device_attitude, noise.device_lag * rate)
     equations.add_unary(ROT, matrix_log(x.E), 1.0 / sigma**2)
 
 
@@ -212,7 +212,7 @@ def shared_prior(problem: Problem, x: State, prior: Prior) -> Array:
     covariance[i[GYR_MATRIX], i[GYR_MATRIX]] = noise.sensor.gyr_scale**2
     covariance[i[ACC_MATRIX], i[ACC_MATRIX]] = (acc_sigma_factor(noise, problem.rest) * noise.sensor.acc_scale) ** 2
     covariance[i[SHARED_GRAVITY], i[SHARED_GRAVITY]] = noise.gravity_sigma**2
-    covariance[i[SHARED_PIVOT], i[SHARED_PIVOT]] = noise.pivot**2
+    covariance[i[SHARED_PIVOT], i[SHARED_PIVOT]] = noise.pivot_distance**2
     diagonal = i[GYR_MATRIX][::4]
     covariance[np.ix_(diagonal, diagonal)] += prior.common_scale**2
     information = np.linalg.inv(covariance)

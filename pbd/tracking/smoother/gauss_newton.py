@@ -49,9 +49,12 @@ def descend(
     """Gauss-Newton to convergence; every step linearises all factors anew.
 
     Args:
+        problem: knots and measurements.
+        x: the state to begin with.
+        fixed: what the iterations hold fixed.
         anneal: decreasing factors on the stops' velocity sigma. With several, `x` is a guess that stands still in
-            each stop, which can't show which factors may be skipped: the first is always used.
-        change: changes the normal equations of each step.
+            each stop. It can't show which factors may be skipped, so the first is always used.
+        change: changes the normal equations of each step in place; by default nothing does.
     """
     whiten, still = whitener(problem, fixed), problem.stop_of >= 0
 

@@ -36,15 +36,15 @@ def find_hard_iron(problem: Problem, mag: Array, x: State) -> tuple[Array, float
         information = np.tensordot(weighted, A, axes=((0, 1), (0, 1)))
         both = np.linalg.lstsq(information, np.tensordot(weighted, field_nav, axes=((0, 1), (0, 1))))[0]
         iron, earth = np.split(np.asarray(both, dtype=np.float64), 2)
-        off = squares(field_nav - A @ both) / (noise.field**2 * (earth @ earth))
+        off = squares(field_nav - A @ both) / (noise.field_change**2 * (earth @ earth))
         weight = problem.duration * robust_weights(off)
     # A room's field varies by as much as it turns the heading. Where the sensor turns little, the earth's field is
     # uncertain too: without iron it is the mean.
-    density = noise.compass * max(np.hypot(*earth[:2]), np.hypot(*field_nav.mean(axis=0)[:2]))
+    density = noise.compass_heading * max(np.hypot(*earth[:2]), np.hypot(*field_nav.mean(axis=0)[:2]))
     own, mixed, rest = information[:3, :3], information[:3, 3:], information[3:, 3:]
     known = own - mixed @ np.linalg.pinv(rest) @ mixed.T
     sure = iron @ known @ iron > 3.0 * (OUTLIER_SIGMAS * density) ** 2
-    large = iron @ iron > noise.field**2 * (earth @ earth)
+    large = iron @ iron > noise.field_change**2 * (earth @ earth)
     most_fit = weight.sum() > 0.5 * problem.duration.sum()
     if not (sure and large and most_fit):
         return None

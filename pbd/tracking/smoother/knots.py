@@ -38,7 +38,7 @@ class Problem:
 
     Attributes:
         frame: the recording in the gyro frame.
-        rest: its first quiet second.
+        rest: its first rest.
         noise: parameters of sensor and hand.
         stops: spans in which the hand may stand still.
         rows: (m,) row of each knot.
@@ -113,9 +113,11 @@ def build_problem(
     Args:
         frame, rest, noise, no_gyro: as in `Problem`.
         mag: (n, 3) in any unit, or None.
+        stops: spans in which the hand may stand still.
         still_sigma: (n,) m/s per axis, sigma of zero velocity.
         density: from `row_noise`.
         extra_rows: further rows at which a knot is wanted.
+        lost_motion: what clipped samples hide.
         gaps: last row before and first row after each gap in the data.
         still_gaps: the same of gaps in which the hand stood still.
     """

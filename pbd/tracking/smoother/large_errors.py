@@ -24,8 +24,9 @@ REMOVED_LAG = 0.005
 """s: smallest lag of the gyro that is removed from the samples."""
 
 WIDE_SCALE_SIGMA, REMOVED_SCALE, SCALE_OUTLIER_SIGMAS = 0.15, 0.05, 5.0
-"""Scale error common to the gyro's axes (0.05: 5 %). A wrong clock looks like such an error.
-One sigma of its wide prior; smallest error that is removed from the samples; the error's least ratio to its sigma."""
+"""Of the scale error common to the gyro's axes (0.05: 5 %): one sigma of its wide prior; the smallest error that is
+removed from the samples; the smallest ratio to its sigma of an error that is removed. A wrong clock looks like such an
+error."""
 
 
 @dataclass(frozen=True, eq=False)

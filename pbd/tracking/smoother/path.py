@@ -15,7 +15,7 @@ from pbd.tracking.smoother.state import SHARED_GRAVITY, State
 
 
 @dataclass(frozen=True, eq=False)
-class Path:
+class SensorPath:
     """At each row, in nav: wxyz (n, 4) nav <- sensor, v (n, 3) m/s, p (n, 3) m, a (n, 3) m/s2.
 
     `a` is the measured acceleration, corrected for the estimated sensor errors. Its noise is still in it: `v` is
@@ -28,7 +28,7 @@ class Path:
     a: Array
 
 
-def path_of(problem: Problem, x: State) -> Path:
+def path_of(problem: Problem, x: State) -> SensorPath:
     """Integrate each leg from its first knot without gravity, and distribute the residual at its second knot.
 
     The residuals of attitude and velocity grow linearly in time (as from white noise or bias). The residual of position
@@ -50,7 +50,7 @@ def path_of(problem: Problem, x: State) -> Path:
     )
     n, length = len(frame.t), np.diff(rows)
     length[-1] += 1  # the last knot is the last row
-    path = Path(np.empty((n, 4)), *np.empty((3, 3, n)).transpose(0, 2, 1))
+    path = SensorPath(np.empty((n, 4)), *np.empty((3, 3, n)).transpose(0, 2, 1))
     for legs in batches(len(T)):
         at = slice(rows[legs.start], rows[legs.start] + length[legs].sum())
         at_rows = (np.repeat(each[legs], length[legs], axis=0) for each in of_legs)
@@ -71,6 +71,8 @@ def between_stops(t: Array, stops: Sequence[Stop], first: Array, last: Array) ->
     acceleration has white noise and the velocity is known at both ends.
 
     Args:
+        t: (n,) s.
+        stops: k stops, in order.
         first, last: (k, 3) m, shift of each stop at its first and at its last row.
     """
     shift, faster = np.zeros((2, 3, len(t))).transpose(0, 2, 1)

@@ -20,7 +20,7 @@ from pbd.pose import Array, cross, quat_cumulative, quat_exp, quat_rotate, quat_
 from pbd.tracking.moving_windows import Rows, cumulative
 
 BLOCK_S = 0.04
-"""s: the Jacobians by the sensor's errors use means over blocks of this length, a tenth of a hand's fastest move."""
+"""s: the Jacobians by the sensor's errors use means over blocks of this length, a fifth of a hand's fastest move."""
 
 LAG, GYR_MATRIX, ACC_MATRIX = slice(0, 1), slice(1, 10), slice(10, 16)
 GYR_BIAS, ACC_BIAS = slice(16, 19), slice(19, 22)
@@ -121,13 +121,13 @@ class LostMotion:
 
     Attributes:
         row: the row.
-        gyr: (3,) rad, one sigma along the axis of the turn, or zero.
-        acc: (3,) m/s, one sigma along the change of velocity, or zero.
+        turn: (3,) rad, one sigma along the axis of the turn, or zero.
+        dv: (3,) m/s, one sigma along the change of velocity, or zero.
     """
 
     row: int
-    gyr: Array
-    acc: Array
+    turn: Array
+    dv: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,8 +160,10 @@ def preintegrate(
     """Integrate from knot to knot.
 
     Args:
+        frame: the recording, n rows.
         rows: (m + 1,) rows of the knots, increasing.
         density: (3, n) rad2/s and (3, n) m2/s3, the parts of the noise at each row.
+        lost_motion: what clipped samples hide.
         U: (m + 1, 3) m/s, integral of specific force up to each knot; by default frame.U there.
     """
     t = frame.t
@@ -267,7 +269,7 @@ def block_noise(force: Array, gyr: Array, acc: Array, to_end: Array, h: Array, s
 
 
 def _add_lost_motion(Q: Array, frame: GyroFrame, rows: Rows, lost_motion: Sequence[LostMotion]) -> None:
-    """Marginalise lost_motion: each adds the outer product of its effect at the end of its leg."""
+    """Marginalise lost motion: each adds the outer product of its effect at the end of its leg to Q (m, 9, 9)."""
     if not lost_motion:
         return
     at = np.array([impulse.row for impulse in lost_motion])
@@ -276,8 +278,8 @@ def _add_lost_motion(Q: Array, frame: GyroFrame, rows: Rows, lost_motion: Sequen
     at = np.clip(at, rows[k], end)
     to_end = (frame.t[end] - frame.t[at])[:, None]
     wxyz = frame.wxyz[at]
-    turn = quat_rotate(wxyz, np.array([impulse.gyr for impulse in lost_motion]))
-    push = quat_rotate(wxyz, np.array([impulse.acc for impulse in lost_motion]))
+    turn = quat_rotate(wxyz, np.array([impulse.turn for impulse in lost_motion]))
+    push = quat_rotate(wxyz, np.array([impulse.dv for impulse in lost_motion]))
     dV = frame.U[end] - frame.U[at]
     dP = frame.UU[end] - frame.UU[at] - frame.U[at] * to_end
     effect = np.hstack((turn, cross(turn, dV) + push, cross(turn, dP) + push * to_end))

@@ -16,26 +16,26 @@ from pbd.pose import Array, lengths, quat_about_z, quat_inverse, quat_multiply, 
 from pbd.tracking.first_rest import QUIET_GYR, Rest
 from pbd.tracking.moving_windows import Spans, cumulative
 from pbd.tracking.noise import Noise
-from pbd.tracking.smoother.attitude import first_guess, frame_of, heading
+from pbd.tracking.smoother.attitude import gyro_frame_of, heading, level_at_stops
 from pbd.tracking.smoother.doubtful_stops import doubted_stops, revised_stops, settled
 from pbd.tracking.smoother.factors import pivot_velocity, robust_weights, shared_prior
 from pbd.tracking.smoother.gauss_newton import descend
 from pbd.tracking.smoother.knots import Problem, build_problem, row_noise
 from pbd.tracking.smoother.large_errors import LargeErrors, find_large_errors, wide_prior
 from pbd.tracking.smoother.normal_equations import Solved
-from pbd.tracking.smoother.path import Path, path_of
+from pbd.tracking.smoother.path import SensorPath, path_of
 from pbd.tracking.smoother.preintegration import LAG, LostMotion
 from pbd.tracking.smoother.state import SHARED, SHARED_GRAVITY, Fixed, Prior, State
 from pbd.tracking.zero_velocity import ENERGY_WINDOW_S, energies, find_candidates, zero_velocity_sigma
 
 ANNEALING = (20.0, 3.0)
-"""Factors on a stop's velocity sigma, before the last factor of 1. From an earlier solution only the last is used."""
+"""Factors on a stop's velocity sigma before it has its own size. From an earlier solution only the last is used."""
 
 MAX_RECUTS = 5
 """Largest number of times that stops are revised."""
 
 DRIFTED_SHARE = 0.5
-"""Change of a gyro's bias, as a share of QUIET_GYR, above which it has drifted: soon, rests would seem to turn."""
+"""Change of a gyro's bias, as a share of QUIET_GYR, above which it has drifted. Later rests may then seem to turn."""
 
 MAX_PASSES = 4
 """Largest number of solutions with wide priors; each may show large errors that the one before hid."""
@@ -66,7 +66,7 @@ class Solution:
     fixed: Fixed
     still_weight: Array
     solved: Solved
-    path: Path
+    path: SensorPath
     removed: LargeErrors
     candidates: Spans
     converged: bool
@@ -94,9 +94,12 @@ def smooth(
 
     Args:
         recording: without NaN.
-        gaps: last row before and first row after each gap in the data.
+        rest: its first rest.
+        noise: of the sensor and the hand.
+        lost_motion: what clipped samples hide.
+        gaps: last row before and first row after each gap in the data in which the hand may have moved.
         extra_rows: rows at which a knot is wanted.
-        still_gaps: the same of gaps in which the hand stood still; `gaps` are the others.
+        still_gaps: the same of gaps in which the hand stood still.
 
     Raises:
         TrackingError: there is neither a gyro nor the device's attitude.
@@ -117,7 +120,7 @@ def smooth(
 
     for last in (*(False,) * (MAX_PASSES - 1), True):
         without = removed.removed_from(recording)
-        frame = frame_of(without, rest.gyro_bias * (1.0 + removed.scale))
+        frame = gyro_frame_of(without, rest.gyro_bias * (1.0 + removed.scale))
         window = min(max(2, round(ENERGY_WINDOW_S / frame.dt)), len(frame.t))
         # The device's own attitude follows a turn late. So without a gyro, specific force is judged in sensor axes.
         force, rate = (frame.acc, np.zeros_like(frame.acc)) if no_gyro else (frame.u, frame.gyr)
@@ -168,7 +171,7 @@ def smooth(
             break
         x, fixed = _at_new_knots(problem, found.x, path, revised), replace(fixed, origin=_origin_knot(revised))
         problem = revised
-        del found, path  # so are they
+        del found, path  # of a long recording they are large
         found = descend(problem, x, fixed, ANNEALING[-1:])
         path = path_of(problem, found.x)
     return Solution(
@@ -182,13 +185,13 @@ def _origin_knot(problem: Problem) -> int:
 
 
 def _initial_state(problem: Problem, prior: Prior, azimuth: float = 0.0) -> tuple[State, Fixed]:
-    """Initial state: dead reckoning, levelled by `first_guess`, with nav's heading."""
+    """Initial state: dead reckoning, levelled by `level_at_stops`, with nav's heading."""
     m, origin = len(problem.rows), _origin_knot(problem)
     strength = dip = 0.0
     if problem.no_gyro:
         E = np.tile(np.eye(3), (m, 1, 1))
     else:
-        wxyz = first_guess(problem.frame, problem.rows, problem.stops)
+        wxyz = level_at_stops(problem.frame, problem.rows, problem.stops)
         if problem.field is None:
             first = problem.stop_of == 0
             off = -heading(quat_multiply(wxyz[first], problem.frame.wxyz[problem.rows[first]]))
@@ -229,7 +232,7 @@ def _first_field(problem: Problem, R: Array) -> Array:
     return next((mean for mean in means if lengths(mean) > 0.5 * usual), np.array([0.0, 1.0, 0.0]))
 
 
-def _at_new_knots(problem: Problem, x: State, path: Path, revised: Problem) -> State:
+def _at_new_knots(problem: Problem, x: State, path: SensorPath, revised: Problem) -> State:
     """Interpolate an estimate at the knots of the revised problem."""
     rows = revised.rows
     E = quat_to_matrix(quat_multiply(path.wxyz[rows], quat_inverse(revised.frame.wxyz[rows])))

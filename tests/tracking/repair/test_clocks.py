@@ -17,7 +17,7 @@ from pbd.pose import Array
 from pbd.simulation.simulate import SENSOR_MODELS
 from pbd.timestamps.even_times import batched_interval
 from pbd.tracking.keyframes import find_keyframes
-from pbd.tracking.repair.clock import steady_clock, with_clock
+from pbd.tracking.repair.clock import even_stamps, with_checked_times
 from pbd.tracking.repair.repair_recording import repair_recording
 from tests.known import known
 from tests.scenarios import simulate, truth_at, uncalibrated, with_rows
@@ -51,7 +51,7 @@ def unnamed(recording: Recording) -> Recording:
 def test_two_times_of_many_rows_tell_no_rate() -> None:
     recording = unnamed(with_rows(simulate("pour", "modern", 1).recording, slice(0, 300)))
     t = np.repeat((0.0, 100.0), 150)
-    assert (steady_clock(replace(recording, t=t)) == t).all()
+    assert (even_stamps(replace(recording, t=t)) == t).all()
 
 
 @uncalibrated
@@ -79,7 +79,7 @@ def test_jittering_stamps_are_replaced_and_hide_no_sample(sensor: str, rate_hz: 
     late = 0.2 * interval * np.random.default_rng(0).normal(size=len(demo.recording))
     jittered = replace(demo.recording, t=demo.recording.t + np.clip(late, -0.45 * interval, 0.45 * interval))
     with pytest.warns(PbdWarning, match="jitter; evenly spaced") as said:
-        assert np.diff(steady_clock(jittered)) == pytest.approx(interval, rel=1e-3)
+        assert np.diff(even_stamps(jittered)) == pytest.approx(interval, rel=1e-3)
     assert len(said) == 1
 
 
@@ -108,7 +108,7 @@ def off_beat(rate_hz: float, step_s: float, kept: Array, nominal: bool) -> tuple
         recording = replace(recording, info=replace(recording.info, rate_hz=rate_hz))
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        off = (steady_clock(recording) - true) * rate_hz
+        off = (even_stamps(recording) - true) * rate_hz
     return off - np.median(off), "".join(str(warning.message) for warning in caught)
 
 
@@ -116,7 +116,7 @@ def off_beat(rate_hz: float, step_s: float, kept: Array, nominal: bool) -> tuple
 def test_a_clock_of_two_rates_has_an_interval() -> None:
     """The median of its spans is between two of them, far from both."""
     t = np.cumsum([0.0, *20 * (0.1,), *21 * (10.0,)])
-    steps = np.diff(steady_clock(Recording(t, np.random.default_rng(0).normal(size=(len(t), 3)))))
+    steps = np.diff(even_stamps(Recording(t, np.random.default_rng(0).normal(size=(len(t), 3)))))
     assert 0.09 < steps.min() <= steps.max() < 10.1
 
 
@@ -128,7 +128,7 @@ def test_true_stamps_of_uneven_samples_are_kept(shortest_ms: int, longest_ms: in
     t: Array = np.cumsum(rng.integers(shortest_ms, longest_ms + 1, 2000)) / 1000.0
     t = t[rng.random(2000) >= lost]
     recording = Recording(t, rng.normal(size=(len(t), 3)))
-    assert steady_clock(recording) is recording.t
+    assert even_stamps(recording) is recording.t
 
 
 @pytest.mark.parametrize("mean_ms", [2.0, 5.0])
@@ -140,7 +140,7 @@ def test_arrival_times_of_a_busy_host_are_replaced(mean_ms: float, lost: float) 
     true = 0.01 * np.flatnonzero(rng.random(4000) >= lost)
     arrived = np.maximum.accumulate(true + 1e-3 * rng.exponential(mean_ms, len(true)))
     with pytest.warns(PbdWarning, match="evenly spaced times"):
-        off = steady_clock(Recording(arrived - arrived[0], rng.normal(size=(len(true), 3)))) - true
+        off = even_stamps(Recording(arrived - arrived[0], rng.normal(size=(len(true), 3)))) - true
     assert np.std(off) < 0.5e-3 * mean_ms
 
 
@@ -152,7 +152,7 @@ def test_delays_that_wander_show_that_the_samples_were_taken_at_uneven_times(las
         late[k] = lasts * late[k - 1] + np.sqrt(1.0 - lasts**2) * rng.normal()
     recording = Recording(0.01 * np.arange(2000) + 1e-3 * late, rng.normal(size=(2000, 3)))
     with nullcontext() if uneven else pytest.warns(PbdWarning, match="jitter; evenly spaced"):
-        assert (steady_clock(recording) is recording.t) == uneven
+        assert (even_stamps(recording) is recording.t) == uneven
 
 
 def test_samples_that_wait_once_are_no_gap() -> None:
@@ -175,7 +175,7 @@ def test_samples_that_a_program_reads_now_once_now_twice_are_interpolated(rate_h
         return turns
 
     with pytest.warns(PbdWarning, match=r"\d\d% of the rows repeat .* the sensor gives only 40 a second"):
-        mended = with_clock(Recording(t, motion(taken)))
+        mended = with_checked_times(Recording(t, motion(taken)))
     late = np.linspace(0.0, 0.05, 51)
     off = [np.abs(mended.acc[50:-50] - motion(t[50:-50] - each)).max() for each in late]
     held = [np.abs(motion(taken[50:-50]) - motion(t[50:-50] - each)).max() for each in late]
@@ -188,7 +188,7 @@ def test_readings_of_a_coarse_sensor_that_stay_for_an_interval_are_samples(share
     t = np.arange(4000) / shared_rate_hz
     acc = 0.2 * np.round(5.0 * np.sin(np.outer(np.floor(t * 40.0) / 40.0, (3.0, 5.0, 7.0))))
     with pytest.warns(PbdWarning, match=r"the sensor gives only (39\.\d*|40|40\.\d*) a second"):
-        with_clock(Recording(t, acc))
+        with_checked_times(Recording(t, acc))
 
 
 @settings(max_examples=40, deadline=None)
@@ -228,7 +228,7 @@ def test_stamps_rounded_to_the_nearest_tick_lose_nothing(rate_hz: float, tick: f
     """The interval was off by up to 25 %, and one to a thousand samples seemed to be lost."""
     t: Array = np.arange(int(20.0 * rate_hz)) / rate_hz
     with pytest.warns(PbdWarning, match="evenly spaced times"):
-        even = steady_clock(Recording(tick * np.rint(t / tick), np.random.default_rng(0).normal(size=(len(t), 3))))
+        even = even_stamps(Recording(tick * np.rint(t / tick), np.random.default_rng(0).normal(size=(len(t), 3))))
     np.testing.assert_allclose(even, t, atol=0.6 * tick)
 
 
@@ -240,7 +240,7 @@ def test_coarse_stamps_are_replaced_where_more_than_two_in_a_hundred_steps_are_o
     recording = Recording(t, np.random.default_rng(0).normal(size=(len(t), 3)))
     with warnings.catch_warnings(record=True) as said:
         warnings.simplefilter("always")
-        steady_clock(recording)
+        even_stamps(recording)
     assert bool(said) == told
 
 
@@ -251,14 +251,14 @@ def test_batches_of_very_different_sizes_lose_nothing() -> None:
     t = 0.01 * np.arange(last[-1] + 1)
     batched = Recording(t[last[np.searchsorted(last, np.arange(len(t)))]], rng.normal(size=(len(t), 3)))
     with pytest.warns(PbdWarning, match="come in batches"):
-        assert np.diff(steady_clock(batched)) == pytest.approx(0.01, rel=0.005)
+        assert np.diff(even_stamps(batched)) == pytest.approx(0.01, rel=0.005)
 
 
 @pytest.mark.filterwarnings("ignore:the time stamps come in batches")
 def test_more_than_half_of_the_samples_may_come_at_once() -> None:
     t = np.arange(1200.0) / 100.0
     t[400:1100] = t[1100]
-    steps = np.diff(steady_clock(Recording(t, np.random.default_rng(0).normal(size=(len(t), 3)))))
+    steps = np.diff(even_stamps(Recording(t, np.random.default_rng(0).normal(size=(len(t), 3)))))
     assert 0.009 < steps.min() <= steps.max() < 0.012
 
 
@@ -280,7 +280,7 @@ def test_batches_in_ms_are_told_by_their_unit() -> None:
     """They were refused as jumps of the clock."""
     t = np.asarray(10.0 * (np.arange(500) // 25 * 25), dtype=np.float64)
     with pytest.raises(RecordingError, match="the time is likely in ms: import the file with --unit t=ms"):
-        with_clock(Recording(t, np.random.default_rng(0).normal(size=(500, 3))))
+        with_checked_times(Recording(t, np.random.default_rng(0).normal(size=(500, 3))))
 
 
 @pytest.mark.parametrize("batch", [2, 6, 7, 10, 15, 20])
@@ -303,7 +303,7 @@ def test_late_and_large_batches_lose_nothing(rate_hz: float, batch: int, seed: i
     rng = np.random.default_rng(seed)
     stamps = t[last] + rng.uniform(0.0, 0.02, len(t))[last]
     with pytest.warns(PbdWarning, match="come in batches"):
-        even = steady_clock(Recording(stamps - stamps[0], rng.normal(size=(len(t), 3))))
+        even = even_stamps(Recording(stamps - stamps[0], rng.normal(size=(len(t), 3))))
     off = even - t
     assert np.abs(off - np.median(off)).max() < 0.02
 
@@ -316,7 +316,7 @@ def test_few_times_in_whole_seconds_tell_no_rate(seconds: float, told: bool) -> 
     recording = Recording(np.floor(rows / 100.0), np.random.default_rng(0).normal(size=(len(rows), 3)))
     message = "its 290 rows have only 3 different times, too coarse to tell the rate; import it with --rate HZ"
     with pytest.raises(RecordingError, match=message) if told else nullcontext():
-        assert with_clock(recording).rate_hz == pytest.approx(100.0, rel=1e-6)
+        assert with_checked_times(recording).rate_hz == pytest.approx(100.0, rel=1e-6)
 
 
 @pytest.mark.filterwarnings("ignore:the time stamps come in batches")
@@ -327,10 +327,10 @@ def test_a_batched_recordings_own_rate_changes_nothing(batch_s: float) -> None:
     late = np.random.default_rng(1).exponential(0.002, len(recording))
     arrived = np.maximum.accumulate(batch_s * np.ceil(recording.t / batch_s) + late)
     batched = replace(recording, t=arrived - arrived[0])
-    even = with_clock(batched)
+    even = with_checked_times(batched)
     stored = replace(batched, info=replace(batched.info, rate_hz=even.rate_hz))
-    np.testing.assert_allclose(with_clock(stored).t, even.t, atol=1e-3)
-    assert np.ptp(np.diff(with_clock(stored).t)) < 1e-9
+    np.testing.assert_allclose(with_checked_times(stored).t, even.t, atol=1e-3)
+    assert np.ptp(np.diff(with_checked_times(stored).t)) < 1e-9
 
 
 @pytest.mark.parametrize(("rate_hz", "tick"), [(100.0, 0.1), (100.0, 1.0), (104.3, 1.0)])
@@ -339,9 +339,9 @@ def test_stamps_of_many_rows_have_the_rate_of_rows_per_time(rate_hz: float, tick
     t, rng = np.arange(1370) / rate_hz, np.random.default_rng(0)
     coarse = Recording(tick * np.floor(t / tick), rng.normal(size=(1370, 3)), rng.normal(size=(1370, 3)))
     assert coarse.rate_hz == pytest.approx(rate_hz, rel=0.005)
-    steps = np.diff(steady_clock(coarse))
+    steps = np.diff(even_stamps(coarse))
     assert [steps.min(), steps.max()] == pytest.approx([1.0 / rate_hz] * 2, rel=0.005)
-    assert len(with_clock(coarse)) == 1370  # one stamp a second is no rate of 1 Hz
+    assert len(with_checked_times(coarse)) == 1370  # one stamp a second is no rate of 1 Hz
 
 
 @pytest.mark.parametrize(
@@ -356,7 +356,7 @@ def test_stamps_of_many_rows_have_the_rate_of_rows_per_time(rate_hz: float, tick
 def test_a_rate_that_no_sensor_has_is_refused(interval: float, wrong: str) -> None:
     still = Recording(np.arange(2000) * np.float64(interval), np.random.default_rng(0).normal(size=(2000, 3)))
     with pytest.raises(RecordingError, match=wrong) if wrong else nullcontext():
-        with_clock(still)
+        with_checked_times(still)
 
 
 @pytest.mark.parametrize(("seconds", "told"), [(50.0, False), (70.0, True)])
@@ -364,7 +364,7 @@ def test_a_minute_without_a_sample_is_a_jump_of_the_clock(seconds: float, told: 
     t = 0.01 * np.arange(200) + seconds * (np.arange(200) > 100)
     still = Recording(t, np.random.default_rng(0).normal(size=(200, 3)))
     with pytest.raises(RecordingError, match=r"time jumps from 1\.000") if told else nullcontext():
-        with_clock(still)
+        with_checked_times(still)
 
 
 @pytest.mark.parametrize("share", [0.01, 0.05])
@@ -426,7 +426,7 @@ def test_a_second_of_samples_taken_at_uneven_times_shows_that_they_are() -> None
     for seed in range(20):
         rng = np.random.default_rng(seed)
         taken = replace(unnamed(recording), t=np.cumsum(rng.uniform(0.015, 0.035, 41)))
-        kept += steady_clock(taken) is taken.t
+        kept += even_stamps(taken) is taken.t
         with pytest.warns(PbdWarning, match="evenly spaced times"):
-            steady_clock(replace(taken, t=recording.t + rng.uniform(0.0, 0.01, 41)))
+            even_stamps(replace(taken, t=recording.t + rng.uniform(0.0, 0.01, 41)))
     assert kept >= 18

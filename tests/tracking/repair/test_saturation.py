@@ -20,7 +20,7 @@ from pbd.simulation.sensor_model import SensorModel
 from pbd.simulation.simulate import SENSOR_MODELS, TASKS, random_task
 from pbd.simulation.tasks import Task
 from pbd.tracking.keyframes import find_keyframes
-from pbd.tracking.repair.saturation import Clip, clips_of, find_clips, restore
+from pbd.tracking.repair.saturation import Clip, clips_of, declip, find_clips
 from tests.benchmarks.tracking import stride_errors
 from tests.benchmarks.trials import read_broad
 from tests.known import known
@@ -178,10 +178,10 @@ def test_a_clipped_parabola_is_continued_and_as_unsure_as_the_continuation() -> 
     clipped = Recording(0.01 * t, acc)
     clips = clips_of(clipped)
     assert [(clip.sensor, clip.axis, clip.start, clip.stop) for clip in clips] == [("acc", 0, 189, 212)]
-    restored, lost_motion = restore(clipped, clips)
+    restored, lost_motion = declip(clipped, clips)
     assert restored.acc[189:212, 0] == pytest.approx(x[189:212], rel=0.016)
     lost = 0.01 * ((restored.acc - acc)[:, 0].sum() + 0.1 * 20.0 * 23 + 20.0 - min(x[188], x[212]))
-    assert np.sqrt(sum(impulse.acc @ impulse.acc for impulse in lost_motion)) == pytest.approx(lost)
+    assert np.sqrt(sum(impulse.dv @ impulse.dv for impulse in lost_motion)) == pytest.approx(lost)
     assert [impulse.row for impulse in lost_motion] == [189 + 5, 212 - 5]
 
 
@@ -201,9 +201,9 @@ def test_a_clip_at_an_end_of_the_recording_is_left_as_it_is_and_unsure(first: in
     acc = 0.01 * np.round(10.0 * np.sin(np.arange(1200.0).reshape(400, 3))) + (0.0, 0.0, 9.8)
     acc[first : first + 10, 0] = 39.2
     recording = Recording(0.01 * np.arange(400.0), acc)
-    restored, lost = restore(recording, clips_of(recording))
+    restored, lost = declip(recording, clips_of(recording))
     np.testing.assert_array_equal(restored.acc, acc)
-    assert np.sqrt(sum(each.acc @ each.acc for each in lost)) == pytest.approx(
+    assert np.sqrt(sum(each.dv @ each.dv for each in lost)) == pytest.approx(
         0.01 * (0.1 * 39.2 * 10 + 39.2 - acc[beside, 0])
     )
 
@@ -232,7 +232,7 @@ def test_two_thirds_of_a_peak_are_continued_of_an_accelerometer_but_not_of_a_gyr
     peak = np.column_stack((np.minimum(x, 12.0), 0.1 * np.sin(t), np.cos(t)))
     quiet = np.column_stack((np.sin(t), np.cos(t), np.full(400, 9.8)))
     clipped = Recording(0.01 * t, *((peak, quiet) if sensor == "acc" else (quiet, peak)))
-    restored, _ = restore(clipped, [clip for clip in clips_of(clipped) if clip.sensor == sensor])
+    restored, _ = declip(clipped, [clip for clip in clips_of(clipped) if clip.sensor == sensor])
     assert getattr(restored, sensor)[:, 0].max() == pytest.approx(top, rel=0.025)
 
 
@@ -243,8 +243,8 @@ def test_a_peak_backwards_is_continued_backwards(at: float) -> None:
     acc = np.zeros((60, 3))
     acc[:, 0] = np.minimum(36.0 * np.exp(-(((t - 30.0 - at) / 3.0) ** 2)), 12.0)
     first, last = np.flatnonzero(acc[:, 0] == 12.0)[[0, -1]].tolist()
-    there, _ = restore(Recording(0.01 * t, acc), [Clip("acc", 0, 1.0, first, last + 1)])
-    back, _ = restore(Recording(0.01 * t, acc[::-1]), [Clip("acc", 0, 1.0, 59 - last, 60 - first)])
+    there, _ = declip(Recording(0.01 * t, acc), [Clip("acc", 0, 1.0, first, last + 1)])
+    back, _ = declip(Recording(0.01 * t, acc[::-1]), [Clip("acc", 0, 1.0, 59 - last, 60 - first)])
     assert there.acc.max() > 12.5
     assert_near(back.acc[::-1], there.acc, 1e-12)
 

@@ -50,7 +50,7 @@ def test_iron_is_found_exactly_beside_a_passing_magnet(seed: int) -> None:
 def test_none_is_found_in_a_sound_room_and_where_the_sensor_does_not_turn(seed: int) -> None:
     rng = np.random.default_rng(seed)
     turns = rng.uniform(-1.5, 1.5, (KNOTS, 3))
-    room = EARTH + Noise.compass * float(np.hypot(EARTH[0], EARTH[1])) * rng.normal(size=(KNOTS, 3))
+    room = EARTH + Noise.compass_heading * float(np.hypot(EARTH[0], EARTH[1])) * rng.normal(size=(KNOTS, 3))
     assert found(turns, room) is None
     assert found(0.1 * turns, room) is None
     stuck = quat_rotate(quat_exp(turns), EARTH) + 0.3 * rng.normal(size=(KNOTS, 3))

@@ -55,7 +55,7 @@ def test_a_devices_own_attitude_is_believed_at_rest_and_not_where_it_turns() -> 
     _add_device_attitude(equations, problem, solution.state)
     sigma = np.diagonal(equations.diagonal, axis1=1, axis2=2)[:, 0] ** -0.5
     rate = lengths(problem.frame.gyr[problem.rows])
-    assert sigma[0] == pytest.approx(noise.device_turn, rel=0.05)
+    assert sigma[0] == pytest.approx(noise.device_attitude, rel=0.05)
     assert sigma[np.argmax(rate)] == pytest.approx(noise.device_lag * rate.max(), rel=0.05)
 
 
