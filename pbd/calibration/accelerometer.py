@@ -16,13 +16,13 @@ PRIOR_BIAS, PRIOR_SCALE, PRIOR_MISALIGNMENT = 0.05 * GRAVITY, 0.02, np.radians(1
 LEAST_MEAN_SIGMA = 0.0005 * GRAVITY
 """Smallest sigma, m/s2, of the mean over a rest, because the table yields and the bias wanders."""
 
-DETERMINED = 0.3
+DETERMINED_RATIO = 0.3
 """Ratio of an error's sigma to its prior sigma, below which the data determine the error."""
 
-ALONE = 0.8
-"""Share of the sum of squares that the error of one rest must explain to be suspected."""
+ALONE_SHARE = 0.8
+"""A rest is suspected if an error of this rest alone would explain a larger share of the sum of squares."""
 
-UNKNOWN_UP = np.radians(1.0)
+UNKNOWN_UP_SIGMA = np.radians(1.0)
 """Sigma of the vertical's direction, rad, by an accelerometer whose errors have no sigma."""
 
 FEWEST_ORIENTATIONS = 4
@@ -42,17 +42,17 @@ class AccelerometerFit:
         sigma: (9,) one sigma of each error in NAMES.
         determined: the errors of NAMES that the orientations determine. The others stay near the prior.
         orientations: number of different orientations.
-        before, after: m/s2, rms over the rests of norm minus gravity, without and with the correction.
-        misfit: m/s2, rms of an independent residual: nine unknowns hide much of what twelve rests contradict.
-        suspects: the rests of which one alone may have made the misfit; opposite sides make the same.
+        rms_before, rms_after: m/s2, rms over the rests of norm minus gravity, without and with the correction.
+        misfit: m/s2, rms of the residuals per degree of freedom: nine unknowns hide much of what twelve rests show.
+        suspects: indices of the rests of which each alone may have made the misfit. Opposite sides make the same one.
     """
 
     linear: LinearErrors
     sigma: Array
     determined: tuple[str, ...]
     orientations: int
-    before: float
-    after: float
+    rms_before: float
+    rms_after: float
     misfit: float
     suspects: NDArray[np.intp]
 
@@ -72,6 +72,7 @@ def fit_accelerometer(rests: Rests, gravity: float = GRAVITY) -> AccelerometerFi
     external equipments, ICRA 2014 (there with a triangular matrix: another choice of the free rotation).
 
     Args:
+        rests: with their mean specific force.
         gravity: m/s2, local gravity. Its error looks like an error of scale.
 
     Raises:
@@ -113,19 +114,19 @@ def fit_accelerometer(rests: Rests, gravity: float = GRAVITY) -> AccelerometerFi
     return AccelerometerFit(
         linear=LinearErrors(bias, matrix, sigma[:3], float(sigma[3:].max())),
         sigma=sigma,
-        determined=tuple(name for name, ratio in zip(NAMES, relative, strict=True) if ratio < DETERMINED),
+        determined=tuple(name for name, ratio in zip(NAMES, relative, strict=True) if ratio < DETERMINED_RATIO),
         orientations=different,
-        before=rms(np.linalg.norm(rests.acc, axis=1) - gravity),
-        after=rms(np.linalg.norm((rests.acc - bias) @ matrix.T, axis=1) - gravity),
+        rms_before=rms(np.linalg.norm(rests.acc, axis=1) - gravity),
+        rms_after=rms(np.linalg.norm((rests.acc - bias) @ matrix.T, axis=1) - gravity),
         misfit=float(np.sqrt(chi2) * rms(noise)),
-        suspects=np.flatnonzero(squares > ALONE * free * squares.sum()),
+        suspects=np.flatnonzero(squares > ALONE_SHARE * free * squares.sum()),
     )
 
 
 def up_sigma(acc: LinearErrors | None) -> float:
     """One sigma of the vertical's direction, rad, in the worst attitude, by an accelerometer with these errors."""
     found = np.nan if acc is None else float(np.hypot(acc.bias_sigma.max() / GRAVITY, acc.matrix_sigma))
-    return UNKNOWN_UP if np.isnan(found) else found
+    return UNKNOWN_UP_SIGMA if np.isnan(found) else found
 
 
 def _unpack(x: Array) -> tuple[Array, Array]:

@@ -6,7 +6,7 @@ from itertools import combinations, permutations
 
 import numpy as np
 
-from pbd.calibration.points import FEWEST, MAY_BE_MIRRORED, MIRRORED, mirrored
+from pbd.calibration.points import FEWEST_POINTS, MAY_BE_MIRRORED, MIRRORED, mirrored
 from pbd.calibration.registration import align
 from pbd.data.one_line_repr import counted
 from pbd.errors import CalibrationError, in_degrees, warn
@@ -33,7 +33,7 @@ REFINED_MATCHES = 20
 
 @dataclass(frozen=True, eq=False)
 class _Match:
-    """The stop that touched each point, the pose of nav that fits best, and the sum of squared sigmas."""
+    """The stop that touched each point, the pose of nav that fits best, and the cost: a sum of squared sigmas."""
 
     cost: float
     stops: tuple[int, ...]
@@ -73,7 +73,7 @@ def match_points(p_nav_tip: Array, sigma: Array, points: Array, in_order: bool, 
     best, bound = _best_matches(p_nav_tip, sigma, points, in_order, free), OUTLIER_COST * max(1.0, m - 2.0)
     cost = best[0].cost if best else np.inf
     exchanged = list[int]()  # two points
-    if in_order and m > FEWEST and cost > OUTLIER_COST:
+    if in_order and m > FEWEST_POINTS and cost > OUTLIER_COST:
         found = _best_matches(p_nav_tip, sigma, points, False, free)
         stops = found[0].stops if found else ()
         rivals = [cost, *(other.cost for other in found if other.stops != stops)]
@@ -122,7 +122,10 @@ def _best_matches(p: Array, sigma: Array, points: Array, in_order: bool, free: b
 
 
 def _hypotheses(p: Array, sigma: Array, points: Array, in_order: bool, free: bool) -> Iterator[Pose]:
-    """Yield T_base_nav for two stops and points at the same horizontal distance and height, or three while it tilts."""
+    """Yield T_base_nav for each two stops and two points with the same horizontal distance and height difference.
+
+    If the tilt is `free`, they are three stops and three points with the same distances.
+    """
     chosen = np.array(list((combinations if in_order else permutations)(range(len(points)), 2 + free)))
 
     def sides(corners: Array) -> tuple[Array, Array]:

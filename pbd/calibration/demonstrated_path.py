@@ -29,7 +29,7 @@ SPACING_M, SPACING_RAD = 0.005, np.radians(2.0)
 FEWEST_POSES, FEWEST_SMOOTHED = 8, 5
 """Fewest poses of a path; fewest samples that are smoothed."""
 
-STRENGTHS, END_WEIGHT = np.logspace(-12, 1, 27), 1e6
+SMOOTHING_STRENGTHS, END_WEIGHT = np.logspace(-12, 1, 27), 1e6
 """Smoothing strengths that are tried; weight of both ends, so large that the spline passes through them."""
 
 
@@ -53,9 +53,13 @@ def demonstrated_moves(
     """Return the hand's moves between keyframes.
 
     Args:
+        path: the hand's.
+        keyframes: in order of time.
+        T_base_nav: nav in base.
         T_base_tool: the tool's pose at each keyframe, where the moves start and end.
-        calibration: its own scale multiplies `scale`.
-        fixed: the tool keeps the rotation of T_base_tool.
+        calibration: its mount; its own scale multiplies `scale`.
+        scale: factor on the hand's positions.
+        fixed: the tool keeps the rotation that it has at the start of each move.
     """
     scale *= calibration.scale
     moves = []
@@ -95,10 +99,10 @@ def _smoothed_poses(
 
     share = (t - t[0]) / (t[-1] - t[0])
     wxyz = quat_continuous(wxyz)
-    p = smoothed(share, p, within_m)(share)
-    wxyz = smoothed(share, wxyz, 0.5 * within_rad)(share)  # a unit quaternion changes by half the angle
+    p = smoothing_spline(share, p, within_m)(share)
+    wxyz = smoothing_spline(share, wxyz, 0.5 * within_rad)(share)  # a unit quaternion changes by half the angle
     wxyz /= np.linalg.norm(wxyz, axis=1, keepdims=True)
-    p, wxyz = led_between(share, p, wxyz, start, end)
+    p, wxyz = with_ends_at(share, p, wxyz, start, end)
     shift = np.linalg.norm(np.diff(p, axis=0), axis=1) / SPACING_M
     turn = np.linalg.norm(quat_log(quat_multiply(quat_inverse(wxyz[:-1]), wxyz[1:])), axis=1) / SPACING_RAD
     steps = np.append(0.0, np.cumsum(np.maximum(shift, turn))) + 1e-6 * share
@@ -109,13 +113,15 @@ def _smoothed_poses(
     return t[0] + at * (t[-1] - t[0]), p, wxyz
 
 
-def led_between(share: Array, p: Array, wxyz: Array, start: Pose, end: Pose) -> tuple[Array, Array]:
+def with_ends_at(share: Array, p: Array, wxyz: Array, start: Pose, end: Pose) -> tuple[Array, Array]:
     """Change a path p (n, 3), wxyz (n, 4) so that it starts and ends at given poses.
 
     The corrections of both ends are spread over the move such that the velocities at the ends stay as they are.
 
     Args:
         share: (n,) elapsed share of the move's duration, from 0 to 1.
+        p, wxyz: m, and unit quaternions.
+        start, end: the poses at which the path is to start and end.
     """
     shifts = [pose.p - p[i] for pose, i in ((start, 0), (end, -1))]
     turns = [quat_log(quat_multiply(pose.wxyz, quat_inverse(wxyz[i]))) for pose, i in ((start, 0), (end, -1))]
@@ -124,8 +130,8 @@ def led_between(share: Array, p: Array, wxyz: Array, start: Pose, end: Pose) -> 
     return p, quat_multiply(quat_exp((1.0 - of_end) * turns[0] + of_end * turns[1]), wxyz)
 
 
-def smoothed(x: Array, values: Array, within: float) -> BSpline:
-    """Fit the smoothest cubic spline to values (n, c) over x (n,) that stays within `within` of each of them.
+def smoothing_spline(x: Array, values: Array, within: float) -> BSpline:
+    """Fit the smoothest of the cubic splines tried to values (n, c) over x (n,) that stays within `within` of each.
 
     It passes through both ends. Fewer than five values are interpolated.
     """
@@ -136,10 +142,10 @@ def smoothed(x: Array, values: Array, within: float) -> BSpline:
         return exact
     weights = np.ones(len(x))
     weights[[0, -1]] = END_WEIGHT
-    best, low, high = exact, 0, len(STRENGTHS)
+    best, low, high = exact, 0, len(SMOOTHING_STRENGTHS)
     while low < high:
         middle = (low + high) // 2
-        spline = make_smoothing_spline(x, values, w=weights, lam=float(STRENGTHS[middle]))
+        spline = make_smoothing_spline(x, values, w=weights, lam=float(SMOOTHING_STRENGTHS[middle]))
         if np.linalg.norm(spline(x) - values, axis=1).max() <= within:
             best, low = spline, middle + 1
         else:

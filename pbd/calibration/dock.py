@@ -15,7 +15,7 @@ from pbd.errors import CalibrationError, UsageError, in_degrees, warn
 from pbd.pose import Array, Pose, lengths, level_onto, quat_inverse, quat_rotate
 
 TILT_WARNING_DEG, UPSIDE_DOWN_DEG = 5.0, 150.0
-"""Angle, degrees, between the declared and the measured vertical, above which there is a warning, and an error."""
+"""Angles, degrees, between the declared and the measured vertical, above which there is a warning, or an error."""
 
 MAX_BASE_TILT_DEG = 0.25
 """Largest tilt of the base, degrees, with which a dock may be written. A dock stores no tilt. Leaving out this much
@@ -28,7 +28,7 @@ def placing_covariance(sigma_mm: float, sigma_deg: float) -> Array:
 
 
 def lever_figure(calibration: Calibration) -> dict[str, float]:
-    """Return the figure of a `fit` that notes the lever, mm, with which a dock or nav was found."""
+    """Return the lever, mm, with which a dock or nav is found, as a figure for `fit` in the calibration's file."""
     return {"lever_mm": round(1e3 * float(lengths(calibration.T_sensor_tool.p)), 1)}
 
 
@@ -127,7 +127,7 @@ def with_heading_sigma(path: HandPath, calibration: Calibration) -> Calibration:
     return replace(calibration, cov_base=cov)
 
 
-def in_base(
+def place_in_base(
     keyframes: Sequence[Keyframe],
     calibration: Calibration,
     scale: float = 1.0,
@@ -137,8 +137,8 @@ def in_base(
     """Place keyframes in base, by the attitude at the first of them.
 
     Raises:
-        CalibrationError: as `nav_in_base`; or as `with_heading_sigma`, if the path is given; or the tool, whose
-            orientation is to be fixed, points up at the first.
+        CalibrationError: as `nav_in_base`; or as `with_heading_sigma`, if the path is given; or, with orientation
+            "fixed", the tool points up at the first keyframe.
     """
     warn_of_doubts(calibration, "dock", "nav", "mount")
     if path is not None:
@@ -189,16 +189,18 @@ def dock_at(
     The covariance has no tilt, because only position and heading of a dock are used.
 
     Args:
-        keyframes: a demonstration's; it started at the first.
-        path: theirs, if known.
+        keyframes: a demonstration's, which started at the first.
+        index: of the keyframe at which the new dock is.
+        calibration: places nav in base.
+        path: that of the keyframes, if known.
 
     Raises:
-        CalibrationError: as `in_base`, or the base is tilted.
+        CalibrationError: as `place_in_base`, or the base is tilted.
         UsageError: there is no such keyframe.
     """
     if not 0 <= index < len(keyframes):
         raise UsageError(f"the keyframe must be from 0 to {len(keyframes) - 1}, got {index}", value=index)
-    placed = in_base(keyframes, calibration, path=path)
+    placed = place_in_base(keyframes, calibration, path=path)
     no_tool = replace(placed.calibration, T_sensor_tool=Pose.identity(), cov_sensor_tool=None)
     placed = replace(placed, keyframes=[keyframes[index]], calibration=no_tool)
     refuse_tilted(placed.T_base_nav)

@@ -53,7 +53,7 @@ def field_spread(mag: Array, wxyz_nav_sensor: Array) -> FieldSpread:
 
 
 def field_at_start(path: HandPath, mag: Array) -> tuple[float, float]:
-    """Return the level and the upward part of the magnetic field (n, 3) at the path's first stop, in its unit."""
+    """Return the horizontal and the upward part of the magnetic field (n, 3) at the path's first stop, in its unit."""
     rows = slice(path.stops[0].start, path.stops[0].stop)
     x, y, z = quat_rotate(path.wxyz_nav_sensor[rows], mag[rows]).mean(axis=0)
     return float(np.hypot(x, y)), float(z)

@@ -22,7 +22,7 @@ MAX_EVALUATIONS = 60
 LARGEST_MISFIT = np.radians(10.0)
 """Largest disagreement, rad rms, of gyro and gravity after the fit. A larger one shows a wrong unit or wrong axes."""
 
-LARGEST_ERROR = 10.0
+LARGEST_ERROR_SIGMAS = 10.0
 """Largest estimated error, in prior sigmas. A larger one shows a wrong unit or wrong axes."""
 
 BIAS_SIGMA = np.radians(0.003)
@@ -41,6 +41,7 @@ def fit_gyro(recording: Recording, rests: Rests, up_sensor: Array | None = None,
 
     Args:
         recording: without NaN.
+        rests: k rests of this recording.
         up_sensor: (k, 3) unit vertical at the rests, by a calibrated accelerometer; None: estimate the bias alone.
         up_sigma: rad, one sigma of the vertical's direction.
 
@@ -96,7 +97,7 @@ def _matrix(recording: Recording, rests: Rests, up_sensor: Array, sigma: float, 
 
     result = least_squares(residuals, np.zeros(9), jacobian, method="lm", max_nfev=MAX_EVALUATIONS)
     off = float(np.sqrt(np.mean((sigma * result.fun[:-9]) ** 2) * 3.0))
-    if off > LARGEST_MISFIT or np.abs(result.x).max() > LARGEST_ERROR:
+    if off > LARGEST_MISFIT or np.abs(result.x).max() > LARGEST_ERROR_SIGMAS:
         raise CalibrationError(
             f"between the rests the gyro does not turn as gravity does (by {in_degrees(off)}, rms); is its "
             "unit rad/s, and are its axes the accelerometer's? import the recording with --unit gyr=deg/s, or name its "

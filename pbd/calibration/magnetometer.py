@@ -16,7 +16,7 @@ SAMPLES_USED = 1500
 FIELD_SIGMA_UT = 0.1
 """Smallest sigma of the field, uT, because a room's field is uneven."""
 
-LEAST_SPREAD = 10.0
+LEAST_SPREAD_SIGMAS = 10.0
 """Smallest standard deviation of the readings along any axis, in units of their noise."""
 
 LEAST_COVER = 0.04
@@ -46,8 +46,8 @@ class MagnetometerFit:
         dip_uneven: rad, rms variation of the dip over the rests.
         heading: rad, rms turn of a heading by the variation of strength or dip over the rests. Only the field's level
             part shows the heading; a disturbance has no preferred direction, and the fit takes a part of it.
-        before: relative rms variation of the strength without the correction.
-        turned: rad, angle of the rotation in `linear`: large where the axes have other names or signs than the
+        uneven_before: relative rms variation of the strength without the correction.
+        axes_turn: rad, angle of the rotation in `linear`: large where the axes have other names or signs than the
             accelerometer's. Of mirrored axes it is half a turn, because the reversed field fits as well.
     """
 
@@ -57,8 +57,8 @@ class MagnetometerFit:
     uneven: float
     dip_uneven: float
     heading: float
-    before: float
-    turned: float
+    uneven_before: float
+    axes_turn: float
 
 
 def fit_ellipsoid(points: Array) -> tuple[Array, Array]:
@@ -111,12 +111,12 @@ def fit_magnetometer(mag: Array, rests: Rests, up_sensor: Array, up_sigma: float
     used = mag[np.linspace(0, len(mag) - 1, min(SAMPLES_USED, len(mag))).astype(np.intp)]
     noise = float(np.hypot(rests.mag_noise, FIELD_SIGMA_UT))
     spread = float(np.sqrt(np.linalg.eigvalsh(np.cov(used.T))[0]))
-    if spread < LEAST_SPREAD * noise:
+    if spread < LEAST_SPREAD_SIGMAS * noise:
         raise CalibrationError(
             "the magnetometer was not turned far enough: along one axis its readings vary by only "
             f"{spread:.1f} uT; {TURN_IT}",
             value=spread,
-            bound=LEAST_SPREAD * noise,
+            bound=LEAST_SPREAD_SIGMAS * noise,
         )
     centre, root = fit_ellipsoid(used)
     scale = float(np.cbrt(np.linalg.det(root)))
@@ -172,6 +172,6 @@ def fit_magnetometer(mag: Array, rests: Rests, up_sensor: Array, up_sigma: float
         uneven=rms(strength - 1.0),
         dip_uneven=dip_uneven,
         heading=float(max(of_dip, rms(strength_at_rest - 1.0)) / np.cos(dip)),
-        before=float(as_read.std() / as_read.mean()),
-        turned=float(np.arccos(np.clip((np.trace(left @ right) - 1.0) / 2.0, -1.0, 1.0))),
+        uneven_before=float(as_read.std() / as_read.mean()),
+        axes_turn=float(np.arccos(np.clip((np.trace(left @ right) - 1.0) / 2.0, -1.0, 1.0))),
     )

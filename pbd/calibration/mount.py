@@ -26,7 +26,7 @@ LARGEST_TURN = np.radians(135.0)
 """Largest turn, rad, whose direction is certain: one beyond half a turn looks like a smaller one the other way."""
 
 TURN_BY_HAND_SIGMA = np.radians(2.0)
-"""One sigma, rad, of the axis when a hand turns a tool about one of the tool's axes. The tracked axis is surer."""
+"""One sigma, rad, of the axis when a hand turns a tool about one of the tool's axes. Tracking is more accurate."""
 
 MISNAMED_RAD = np.radians(20.0)
 """Largest angle, rad, between a turn's axis and the axis that the user named."""
@@ -81,6 +81,7 @@ def fit_pivot(keyframes: Sequence[Keyframe], covariance: PoseCovariance, scale: 
 
     Args:
         keyframes: a path's keyframes, not conditioned on known places. At all of them the tip stood on the point.
+        covariance: the path's joint covariance of the poses at its stops.
         scale: the calibration's factor on the hand's positions, and so on the lever that they show.
 
     Raises:

@@ -7,9 +7,9 @@ import numpy as np
 
 from pbd.calibration.registration import (
     PRIOR_FREEDOM,
-    Fit,
     PointObservations,
-    Problem,
+    RegistrationFit,
+    RegistrationProblem,
     register,
     variance_factor,
     widened,
@@ -21,7 +21,7 @@ from pbd.pose import Array, Pose
 TIP_SIGMA_M = 0.001
 """One sigma per axis, m, of the tip on a point."""
 
-FEWEST = 3
+FEWEST_POINTS = 3
 """Smallest number of points."""
 
 LEAST_SPREAD_M = 0.05
@@ -57,6 +57,7 @@ class PointFit:
     """Nav in base, from m touched points.
 
     Attributes:
+        T_base_nav: nav's pose in base.
         cov: (6, 6) m and rad, covariance of position and rotation vector in base; zero for the tilt if gravity gave it.
         scale, scale_sigma: scale of the hand's positions, and one sigma, which is 0 unless the scale was fitted.
         residuals: (m, 3) m in base, point minus touch, for all points, also those that were found wrong.
@@ -111,7 +112,7 @@ def fit_points(
     require_kind("points", points, f"({len(touched.stops)}, 3) numbers, one row for each touch", bool(one_each))
     refuse_shape(points, free)
     touched = replace(touched, cov=touched.cov + touch_m**2 * np.eye(len(touched.cov)))
-    problem = Problem(touched, points, free, scaled, scale)
+    problem = RegistrationProblem(touched, points, free, scaled, scale)
     wrong, fit, without = _find_wrong_points(problem)
     cov = widened(fit.cov, fit.chi2, fit.freedom)
     left_out = [_left_out(problem, k, wrong, fit, without) for k in range(len(points))]
@@ -128,7 +129,7 @@ def fit_points(
     )
 
 
-def _find_wrong_points(problem: Problem) -> tuple[list[int], Fit, dict[int, Fit]]:
+def _find_wrong_points(problem: RegistrationProblem) -> tuple[list[int], RegistrationFit, dict[int, RegistrationFit]]:
     """Return the indices of wrong points, the fit of the others, and that fit without each of them where possible."""
     wrong, fit = list[int](), register(problem)
     while True:
@@ -148,13 +149,15 @@ def _find_wrong_points(problem: Problem) -> tuple[list[int], Fit, dict[int, Fit]
         if worst is None:  # no single point explains it: a unit, the order
             raise _contradiction(problem, fit, used)
         rivals = [k for k in gained if k != worst and gained[worst] - gained[k] < CLEARER_CHI2]
-        if rivals or len(used) <= FEWEST or fit.freedom < 6:
+        if rivals or len(used) <= FEWEST_POINTS or fit.freedom < 6:
             raise _contradiction(problem, fit, [worst, *rivals] if rivals else used)
         wrong.append(worst)
         fit = without[worst]
 
 
-def _fits_mirrored(check: str, problem: Problem, instead: Fit, left_out: Sequence[int] = ()) -> bool:
+def _fits_mirrored(
+    check: str, problem: RegistrationProblem, instead: RegistrationFit, left_out: Sequence[int] = ()
+) -> bool:
     """Say whether the points fit in this one of MIRRORED, and not clearly worse than `instead`."""
     fit = register(replace(problem, points=problem.points * MIRRORED[check]), left_out)
     return fit.chi2 < min(POOR_CHI2 * fit.freedom, instead.chi2 + CLEARER_CHI2)
@@ -165,7 +168,7 @@ def mirrored(check: str) -> CalibrationError:
     return CalibrationError(f"the points fit the demonstration as in a mirror; check the sign of {check}")
 
 
-def _is_wrong(gained: float, others: Fit) -> bool:
+def _is_wrong(gained: float, others: RegistrationFit) -> bool:
     """Say whether leaving out a point lowers chi-square by more than chance (F test, three coordinates)."""
     from scipy.special import fdtrc
 
@@ -173,14 +176,18 @@ def _is_wrong(gained: float, others: Fit) -> bool:
     return bool(fdtrc(3.0, PRIOR_FREEDOM + others.freedom, ratio) < WRONG_CHANCE)
 
 
-def _enough(problem: Problem, left_out: Sequence[int]) -> bool:
+def _enough(problem: RegistrationProblem, left_out: Sequence[int]) -> bool:
     """Say whether the other points are enough for a fit, and lie far enough apart."""
     others = np.delete(problem.points, list(left_out), axis=0)
     return problem.freedom(len(others)) > 0 and not _bad_shape(others, problem.free)
 
 
 def _left_out(
-    problem: Problem, k: int, wrong: Sequence[int], fit: Fit, without: Mapping[int, Fit]
+    problem: RegistrationProblem,
+    k: int,
+    wrong: Sequence[int],
+    fit: RegistrationFit,
+    without: Mapping[int, RegistrationFit],
 ) -> tuple[Array, Array]:
     """Return point k minus its touch by the fit of the others, and one sigma, (3,) m each.
 
@@ -202,12 +209,13 @@ def refuse_shape(points: Array, free: bool) -> None:
     Raises:
         CalibrationError: they are too few, two are the same place, or they lie in a line or above each other.
     """
-    if len(points) < FEWEST:
+    if len(points) < FEWEST_POINTS:
         are = "is" if len(points) == 1 else "are"
         raise CalibrationError(
-            f"{amount(len(points), 'point')} {are} too few; touch {FEWEST} or more, best 4 to 6 spread all around",
+            f"{amount(len(points), 'point')} {are} too few; touch {FEWEST_POINTS} or more, best 4 to 6 spread all "
+            "around",
             value=len(points),
-            bound=FEWEST,
+            bound=FEWEST_POINTS,
         )
     for j in range(len(points)):
         for k in range(j):
@@ -239,7 +247,7 @@ def _bad_shape(points: Array, free: bool) -> str:
     return ""
 
 
-def _contradiction(problem: Problem, fit: Fit, suspects: Sequence[int]) -> CalibrationError:
+def _contradiction(problem: RegistrationProblem, fit: RegistrationFit, suspects: Sequence[int]) -> CalibrationError:
     off = np.linalg.norm(problem.points - fit.in_base(problem.touched), axis=1)
     names = " or ".join(f"{k + 1}" for k in sorted(suspects))
     known = problem.scale != 1.0 and not problem.scaled

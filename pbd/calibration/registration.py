@@ -68,6 +68,7 @@ def observe_points(
 
     Args:
         keyframes: all keyframes of a path that is not conditioned on known places.
+        covariance: that path's joint covariance of the poses at its stops.
         p_sensor_tip: (3,) m, the tip l in sensor axes.
         cov_tip: (3, 3) m2, covariance of l; None: l is exact.
 
@@ -93,10 +94,11 @@ def observe_points(
 
 
 @dataclass(frozen=True, eq=False)
-class Problem:
-    """A registration problem.
+class RegistrationProblem:
+    """A registration problem: m touches, and the points that were touched.
 
     Attributes:
+        touched: the touches.
         points: (m, 3) m in base.
         free: nav's tilt is unknown too. Otherwise both frames have z up.
         scaled: the scale of the hand's positions is unknown too.
@@ -120,7 +122,7 @@ class Problem:
 
 
 @dataclass(frozen=True, eq=False)
-class Fit:
+class RegistrationFit:
     """A least-squares solution. Covariances assume the tracker's sigmas.
 
     Attributes:
@@ -180,7 +182,7 @@ def align(p_from: Array, p_to: Array, free: bool = False) -> Pose:
     return Pose(middle_to - quat_rotate(wxyz, middle_from), wxyz)
 
 
-def register(problem: Problem, left_out: Sequence[int] = ()) -> Fit:
+def register(problem: RegistrationProblem, left_out: Sequence[int] = ()) -> RegistrationFit:
     """Fit by damped Gauss-Newton. The touch of a point that is left out has an additional error, estimated too.
 
     That error is estimated with all correlations, so it does not include tracking errors that the other points show.
@@ -216,7 +218,7 @@ def register(problem: Problem, left_out: Sequence[int] = ()) -> Fit:
     cov[np.ix_(where, where)] = inverse[: len(where), : len(where)]
     to_base = -scale * quat_to_matrix(pose.wxyz)
     cov_errors = [inverse[k : k + 3, k : k + 3] for k in range(len(where), len(inverse), 3)]
-    return Fit(
+    return RegistrationFit(
         pose,
         scale,
         cov,
@@ -227,13 +229,13 @@ def register(problem: Problem, left_out: Sequence[int] = ()) -> Fit:
     )
 
 
-def misfit(problem: Problem, pose: Pose, scale: float) -> Array:
+def misfit(problem: RegistrationProblem, pose: Pose, scale: float) -> Array:
     """Return the error of each touch in nav, (m, 3) m: tracked position minus the point's."""
     tips = pose.inverse().act(problem.points)
     return problem.touched.p_nav_sensor - (tips - problem.touched.lever) / scale
 
 
-def jacobian(problem: Problem, pose: Pose, scale: float) -> Array:
+def jacobian(problem: RegistrationProblem, pose: Pose, scale: float) -> Array:
     """Return the Jacobian of `misfit`, (3 m, unknowns)."""
     R_nav_base = quat_to_matrix(pose.wxyz).T
     from_nav = problem.points - pose.p

@@ -14,8 +14,8 @@ STILL_WINDOW_S, SHORTEST_REST_S, REST_EDGE_S = 0.5, 1.0, 0.2
 """Durations, s: the windows in which stillness is measured, the shortest rest, the margin cut off at each end of it."""
 
 STILL_RATIO = 9.0
-"""Largest variance of a still window, relative to the quietest window, or to rounding: where readings are coarse, one
-window may show a single value while the next alternates between two."""
+"""Largest variance of a still window, relative to that of the quietest window or of rounding, the larger. If readings
+are coarse, one window may show a single value while the next alternates between two."""
 
 REST_ACC, REST_GYR = 0.1, np.radians(1.0)
 """A sensor that shakes more than this, m/s2 and rad/s rms over a window, all axes together, is not still. On a table it
@@ -43,7 +43,7 @@ class Rests:
         gyr: (k, 3) rad/s, or None.
         mag: (k, 3) uT, or None.
         acc_noise, gyr_noise, mag_noise: rms per sample and axis, in the same units; 0 without that sensor.
-        turning: number of others that are left out, by RATE_DEVIATION.
+        turning: number of further rests that are left out, by RATE_DEVIATION.
     """
 
     start: NDArray[np.intp]
@@ -156,11 +156,12 @@ def _still(
     """Say in which windows a sensor is still.
 
     Args:
+        recording: for the time in the message.
         what: name of the sensor.
         values: its readings (n, 3).
-        variance: theirs in each window, summed over the axes.
-        still, floor: upper and lower bound of the threshold on its root, in SI units.
-        unit, factor: for the message, and its ratio to the SI unit.
+        variance: their variance in each window, summed over the axes.
+        still, floor: upper and lower bound of the threshold on the root of the variance, in SI units.
+        unit, factor: unit in the message, and how many of it are one SI unit.
 
     Raises:
         CalibrationError: it was never still.

@@ -40,6 +40,8 @@ class SensorFit:
     """A sensor's estimated errors, and how well they fit.
 
     Attributes:
+        errors: the sensor's errors, those that were known before included.
+        rests: the rests in which it was measured.
         acc, mag: details of these fits; None for what was not fitted.
         remarks: lines for the user.
     """
@@ -125,8 +127,9 @@ def _refuse_arguments(recording: Recording, gravity: float, only: Collection[str
 def _remarks_on_rests(rests: Rests) -> Iterator[str]:
     if rests.turning:
         yield (
-            f"{counted(rests.turning, 'rest')} of {len(rests) + rests.turning} left out: the gyro reads more than 0.3 "
-            "degrees/s other than at most rests; it turned slowly, or its bias drifts: let it warm up, record again"
+            f"{counted(rests.turning, 'rest')} of {len(rests) + rests.turning} left out: the gyro's reading differs by "
+            "more than 0.3 degrees/s from that at most rests; the sensor turned slowly, or the gyro's bias drifts: let "
+            "it warm up, and record again"
         )
 
 
@@ -156,9 +159,9 @@ def _remarks_on_mag(mag: MagnetometerFit | None) -> Iterator[str]:
             f"{np.degrees(mag.dip_uneven):.1f} degrees in dip, so headings will be wrong: check the axes and "
             "signs of mx, my, mz, move away from iron and motors, and turn every side up; calibrate again"
         )
-    elif mag.turned > OTHER_AXES:
+    elif mag.axes_turn > OTHER_AXES:
         yield (
-            f"the magnetometer's axes are turned by {in_degrees(mag.turned)} against the accelerometer's: mx, "
+            f"the magnetometer's axes are turned by {in_degrees(mag.axes_turn)} against the accelerometer's: mx, "
             "my, mz have wrong names or signs; this is corrected, but north may be south; to mend it, name its "
             "columns when you import, and calibrate again"
         )

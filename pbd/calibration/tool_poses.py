@@ -14,6 +14,7 @@ class KeyframesInBase:
 
     Attributes:
         keyframes: k of them. The first is the first rest, at the dock.
+        T_base_nav: nav's pose in base.
         calibration: its own scale multiplies `scale`.
         scale: multiplies p_nav_sensor and nothing else.
         orientation: "demo", or "fixed": the tool keeps the heading of keyframe 0, with its z straight down.

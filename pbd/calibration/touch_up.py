@@ -16,17 +16,18 @@ TOUCH_SIGMA_M = 0.0005
 """Sigma of a touch-up along each axis, m: an eye's accuracy with a ruler."""
 
 STALE_M = 0.002
-"""Largest change, m, of the place that was touched up, because of rounding and slightly different calibrations."""
+"""Largest change, m, of the place that was touched up without a warning: rounding and slightly different calibrations
+change it too."""
 
 
 class TouchedUp(NamedTuple):
     """The tool after touch-ups.
 
     Attributes:
-        shift: (k, 3) m in base.
-        kept: (6k, 6k) m and rad, what remains of the errors of its poses.
+        shift: (k, 3) m in base, of the tool at each keyframe.
+        kept: (6k, 6k) maps the errors of the tool's poses before the touch-ups to what remains of them (Joseph's form).
         noise: (6k, 6k) m and rad, covariance of the errors that the touch-ups add.
-        cov: (6k, 6k) m and rad, joint covariance of its poses.
+        cov: (6k, 6k) m and rad, joint covariance of the tool's poses after them.
     """
 
     shift: Array
@@ -35,7 +36,9 @@ class TouchedUp(NamedTuple):
     cov: Array
 
 
-def touch_up(touch_ups: Sequence[TouchUp], keyframes: Sequence[Keyframe], T_base_nav: Pose, cov: Array) -> TouchedUp:
+def condition_on_touch_ups(
+    touch_ups: Sequence[TouchUp], keyframes: Sequence[Keyframe], T_base_nav: Pose, cov: Array
+) -> TouchedUp:
     """Condition the tool's positions on touch-ups, as a Kalman filter's update with the joint covariance.
 
     A touched keyframe moves exactly as asked, and stays there when others are touched. If it is touched again, both
@@ -43,6 +46,8 @@ def touch_up(touch_ups: Sequence[TouchUp], keyframes: Sequence[Keyframe], T_base
 
     Args:
         touch_ups: in order. Those that were undone, or whose keyframe is gone, are ignored.
+        keyframes: k of them.
+        T_base_nav: nav's pose in base.
         cov: (6k, 6k), covariance of the tool's poses in base, before the touch-ups.
     """
     k = len(keyframes)
@@ -100,7 +105,7 @@ def touched_up(placed: KeyframesInBase, touch_ups: Sequence[TouchUp] | None = No
     """Return the tool at keyframes after touch-ups: these, or by default the demonstration's own."""
     touch_ups = _touch_ups_of(placed.path) if touch_ups is None else touch_ups
     cov = np.sum([*_joint_covariances(placed).values()], axis=0)
-    return touch_up(touch_ups, placed.keyframes, placed.T_base_nav, cov)
+    return condition_on_touch_ups(touch_ups, placed.keyframes, placed.T_base_nav, cov)
 
 
 def _joint_covariances(placed: KeyframesInBase) -> dict[str, Array]:

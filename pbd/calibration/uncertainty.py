@@ -67,6 +67,7 @@ def joint_tool_covariances(cov_nav_sensor: Array, placed: KeyframesInBase) -> di
 
     Args:
         cov_nav_sensor: (6k, 6k), covariance of the keyframes in nav.
+        placed: k keyframes in base.
     """
     J, calibration = _jacobians(placed), placed.calibration
     start, mount = J["start"].reshape(-1, 6), J["mount"].reshape(-1, 6)

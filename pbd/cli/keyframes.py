@@ -9,7 +9,7 @@ from typing import Any
 
 from rich.table import Table
 
-from pbd.calibration.dock import in_base
+from pbd.calibration.dock import place_in_base
 from pbd.calibration.success_probability import Success, success_of
 from pbd.calibration.tool_poses import KeyframesInBase
 from pbd.calibration.touch_up import touched_covariances, touched_poses
@@ -62,7 +62,7 @@ def run(args: argparse.Namespace) -> None:
     rows = [_row(index, keyframe, sigma) for index, (keyframe, sigma) in enumerate(zip(keyframes, sigmas, strict=True))]
     placed = None
     if calibration is not None and (calibration.knows_start or args.tolerance is not None):
-        placed = in_base(keyframes, calibration, args.scale, path, args.orientation)
+        placed = place_in_base(keyframes, calibration, args.scale, path, args.orientation)
     below: list[str | Table] = []  # what is printed below the keyframes
     if placed is not None and args.calibration:
         below += _add_base(args, rows, placed)

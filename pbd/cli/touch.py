@@ -5,7 +5,7 @@ import shlex
 
 import numpy as np
 
-from pbd.calibration.dock import in_base
+from pbd.calibration.dock import place_in_base
 from pbd.calibration.tool_poses import KeyframesInBase, tool_poses
 from pbd.calibration.touch_up import TouchedUp, demonstrated_places, touched_poses, touched_up
 from pbd.cli.common import load_demonstration, print_result, save_keyframes, track_demonstration
@@ -36,7 +36,7 @@ def run(args: argparse.Namespace) -> None:
     demo = load_demonstration(args.demo)
     robot, calibration = load_robot_and_calibration(args.robot, args.calibration)
     path, keyframes = track_demonstration(args, demo, calibration)
-    placed = in_base(keyframes, calibration, path=path)
+    placed = place_in_base(keyframes, calibration, path=path)
     before = touched_up(placed)
     if args.undo and all(each.undone for each in demo.touch_ups):
         raise RecordingError("there is no touch-up to undo; `pbd touch DEMO KEYFRAME --by X Y Z` makes one")

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pbd.calibration.demonstrated_path import led_between
+from pbd.calibration.demonstrated_path import with_ends_at
 from pbd.data import Stop
 from pbd.data.streams import interpolate
 from pbd.errors import TrackingError
@@ -98,7 +98,7 @@ def _mean_move(paths: Sequence[TakePath], j: int, share: Array, start: Pose, end
         after = np.clip(np.searchsorted(path.t, t), 1, len(path.t) - 1)
         fraction = (t - path.t[after - 1]) / (path.t[after] - path.t[after - 1])
         wxyz = quat_slerp(path.wxyz[after - 1], path.wxyz[after], fraction)
-        p, wxyz = led_between(share, p, wxyz, start, end)
+        p, wxyz = with_ends_at(share, p, wxyz, start, end)
         places.append(p)
         attitudes.append(wxyz)
     same_side = [np.where((each * attitudes[0]).sum(axis=1, keepdims=True) < 0.0, -each, each) for each in attitudes]

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pbd.calibration.dock import in_base
+from pbd.calibration.dock import place_in_base
 from pbd.calibration.tool_poses import tool_poses
 from pbd.data import Calibration, GraspedObject, Keyframe, Robot
 from pbd.errors import PbdError, RobotError, collected_warnings, warn
@@ -284,4 +284,4 @@ def _homes(task: Task) -> list[Array]:
 
 
 def _tool_poses_at(dock: Calibration, keyframes: Sequence[Keyframe]) -> tuple[Pose, ...]:
-    return tool_poses(in_base(keyframes, dock))
+    return tool_poses(place_in_base(keyframes, dock))

@@ -10,7 +10,7 @@ import numpy as np
 
 from pbd.cache import cached_by_thread
 from pbd.calibration.demonstrated_path import DemonstratedMove, demonstrated_moves
-from pbd.calibration.dock import in_base
+from pbd.calibration.dock import place_in_base
 from pbd.calibration.tool_poses import KeyframesInBase, with_table
 from pbd.calibration.touch_up import touched_poses
 from pbd.data import Calibration, GraspedObject, HandPath, Keyframe, Robot
@@ -75,7 +75,7 @@ class Task:
         """The keyframes in base.
 
         Raises:
-            CalibrationError: the calibration is for other robots, or as `in_base`.
+            CalibrationError: the calibration is for other robots, or as `place_in_base`.
         """
         calibration, robot = self.calibration, self.robot
         if calibration.robots and robot.name not in calibration.robots:
@@ -84,7 +84,7 @@ class Task:
                 "choose another, or add the robot to it",
                 value=robot.name,
             )
-        return in_base(self.keyframes, calibration, self.options.scale, self.hand_path, self.options.orientation)
+        return place_in_base(self.keyframes, calibration, self.options.scale, self.hand_path, self.options.orientation)
 
     @cached_property
     def T_base_tool(self) -> tuple[Pose, ...]:

@@ -17,7 +17,7 @@ sys.path.insert(0, str(Path(__file__).parents[2]))
 
 import numpy as np
 
-from pbd.calibration.dock import in_base
+from pbd.calibration.dock import place_in_base
 from pbd.calibration.success_probability import success_of
 from pbd.calibration.tool_poses import tool_poses
 from pbd.data import Calibration, HandPath, Truth
@@ -53,7 +53,7 @@ def said_and_happened(
     keyframes = find_keyframes(path)
     said = Pose(np.array([0.45, -0.1, 0.2]), truth[0].wxyz)
     calibration = Calibration("simulated", T_base_dock=said)
-    placed = in_base(keyframes, calibration, path=path)
+    placed = place_in_base(keyframes, calibration, path=path)
     commanded = tool_poses(placed)
     found = [success_of(placed, within).of_all for within in TOLERANCES_M]
     cases = []

@@ -10,8 +10,8 @@ from pbd.calibration.demonstrated_path import (
     SPACING_M,
     SPACING_RAD,
     demonstrated_moves,
-    led_between,
-    smoothed,
+    smoothing_spline,
+    with_ends_at,
 )
 from pbd.calibration.dock import nav_in_base
 from pbd.calibration.tool_poses import KeyframesInBase, tool_poses
@@ -87,7 +87,7 @@ def test_a_shift_of_both_ends_alike_shifts_the_whole_path() -> None:
         np.array([0.0, 0.01, 0.02]),
     )
     ends = [Pose(p[i] + shift, wxyz[i]) for i in (0, -1)]
-    np.testing.assert_allclose(led_between(share, p, wxyz, *ends)[0], p + shift, atol=1e-15)
+    np.testing.assert_allclose(with_ends_at(share, p, wxyz, *ends)[0], p + shift, atol=1e-15)
 
 
 @pytest.mark.parametrize("sigma_m", [0.001, 0.004, 0.1])
@@ -95,7 +95,7 @@ def test_the_path_is_smoothed_within_its_uncertainty(sigma_m: float) -> None:
     """White noise of 0.5 mm per axis, which no hand makes, is reduced; no sample moves by more than the bound."""
     noisy, clean = arc(noise_m=5e-4, sigma_m=sigma_m), arc()
     inside = slice(100, 201)
-    fit = smoothed(np.linspace(0.0, 1.0, 101), noisy.p_nav_sensor[inside], min(sigma_m, SMOOTH_M))
+    fit = smoothing_spline(np.linspace(0.0, 1.0, 101), noisy.p_nav_sensor[inside], min(sigma_m, SMOOTH_M))
     fitted = fit(np.linspace(0.0, 1.0, 101))
     moved = np.linalg.norm(fitted - noisy.p_nav_sensor[inside], axis=1)
     assert moved.max() <= min(sigma_m, SMOOTH_M)

@@ -9,7 +9,15 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from pbd.calibration.points import fit_points
-from pbd.calibration.registration import PointObservations, Problem, align, jacobian, misfit, moved, observe_points
+from pbd.calibration.registration import (
+    PointObservations,
+    RegistrationProblem,
+    align,
+    jacobian,
+    misfit,
+    moved,
+    observe_points,
+)
 from pbd.data import Keyframe
 from pbd.data.covariance import PoseCovariance
 from pbd.errors import CalibrationError, PbdWarning
@@ -103,7 +111,9 @@ def test_errors_are_within_their_sigmas(tracker: float) -> None:
 
 def test_the_jacobian_agrees_with_finite_differences() -> None:
     rng = np.random.default_rng(0)
-    problem = Problem(touched(Pose.identity(), lever=0.1 * rng.normal(size=(5, 3))), POINTS, free=True, scaled=True)
+    problem = RegistrationProblem(
+        touched(Pose.identity(), lever=0.1 * rng.normal(size=(5, 3))), POINTS, free=True, scaled=True
+    )
     pose, scale = Pose(rng.normal(size=3), quat_exp(rng.normal(size=3))), 1.2
     found = jacobian(problem, pose, scale)
     for column, step in zip(found.T, 1e-6 * np.eye(7), strict=True):

@@ -185,7 +185,7 @@ def test_a_bad_accelerometer_is_found(rests: Rests) -> None:
     assert np.abs(np.diagonal(off)).max() < 0.001
     assert np.abs(off - np.diag(np.diagonal(off))).max() < np.radians(0.1)
     assert np.all(np.abs(fit.linear.bias - bias) < 4.0 * fit.linear.bias_sigma)
-    assert fit.after < 0.02 * fit.before
+    assert fit.rms_after < 0.02 * fit.rms_before
 
 
 def test_six_sides_determine_bias_and_scale_but_no_misalignment() -> None:
@@ -298,7 +298,7 @@ def test_hard_and_soft_iron_are_found(recording: Recording, rests: Rests) -> Non
             2.0 * np.pi
         ) < np.radians(0.5)
     assert fit.dip == pytest.approx(np.arctan2(44.0, 19.5), abs=np.radians(0.3))
-    assert fit.uneven < 0.05 * fit.before
+    assert fit.uneven < 0.05 * fit.uneven_before
 
 
 def test_a_magnetometer_in_other_axes_is_remarked_on(recording: Recording) -> None:

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from pbd.calibration.dock import dock_at, dock_tilt, in_base, nav_in_base, refuse_tilted
+from pbd.calibration.dock import dock_at, dock_tilt, nav_in_base, place_in_base, refuse_tilted
 from pbd.calibration.tool_poses import KeyframesInBase, pointing_down, tool_poses
 from pbd.data import Calibration, Keyframe
 from pbd.data.calibration import TOOL_DOWN
@@ -184,12 +184,12 @@ def test_pointing_down_is_the_nearest_such_rotation(tool: Pose) -> None:
 def test_a_tool_that_points_up_has_no_heading_to_keep() -> None:
     no_mount = Calibration("mine", T_base_nav=Pose.identity(), T_sensor_tool=Pose.identity())
     up = keyframes([Pose.from_rpy((0, 0, 0), (0.4, 0, 0.3))])
-    in_base(up, no_mount)
+    place_in_base(up, no_mount)
     with pytest.raises(CalibrationError, match="the tool points up at the first keyframe, so with z straight down"):
-        in_base(up, no_mount, orientation="fixed")
-    in_base(up, replace(no_mount, T_sensor_tool=TOOL_DOWN), orientation="fixed")
+        place_in_base(up, no_mount, orientation="fixed")
+    place_in_base(up, replace(no_mount, T_sensor_tool=TOOL_DOWN), orientation="fixed")
     level = Pose(np.zeros(3), quat_exp((0.5 * np.pi, 0.0, 0.0)))
-    in_base(up, replace(no_mount, T_sensor_tool=level), orientation="fixed")
+    place_in_base(up, replace(no_mount, T_sensor_tool=level), orientation="fixed")
 
 
 @pytest.mark.parametrize("any_attitude", [False, True])
@@ -210,6 +210,6 @@ def test_what_is_advised_for_a_sensor_that_is_mounted_upside_down_brings_the_too
     turned = keyframes([each.T_nav_sensor @ half_turn for each in level])
     usual = Calibration("usual", T_base_dock=Pose.identity(), T_sensor_tool=TOOL_DOWN)
     advised = Calibration("advised", T_base_dock=half_turn, T_sensor_tool=Pose.identity())
-    both = tool_poses(in_base(turned, advised)), tool_poses(in_base(level, usual))
+    both = tool_poses(place_in_base(turned, advised)), tool_poses(place_in_base(level, usual))
     for ours, theirs in zip(*both, strict=True):
         assert_allclose(ours.matrix(), theirs.matrix(), atol=1e-12)

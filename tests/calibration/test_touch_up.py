@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pbd.calibration.dock import in_base
-from pbd.calibration.touch_up import TOUCH_SIGMA_M, touch_up, touched_covariances
+from pbd.calibration.dock import place_in_base
+from pbd.calibration.touch_up import TOUCH_SIGMA_M, condition_on_touch_ups, touched_covariances
 from pbd.calibration.uncertainty import tool_covariances
 from pbd.data import Keyframe, TouchUp
 from pbd.files.demo import load_demo
@@ -33,7 +33,7 @@ def walk() -> Array:
 
 def test_the_others_move_by_their_common_errors() -> None:
     """Oracle: the textbook's gain by hand: half of the shift for keyframe 0, all of it after keyframe 1."""
-    found = touch_up([TouchUp(1.0, BY_NAV)], KEYFRAMES, T_BASE_NAV, walk())
+    found = condition_on_touch_ups([TouchUp(1.0, BY_NAV)], KEYFRAMES, T_BASE_NAV, walk())
     shares = np.array([1, 2, 2, 2]) * 0.003**2 / (2 * 0.003**2 + TOUCH_SIGMA_M**2)
     shares[1] = 1.0  # exactly where it was asked to
     np.testing.assert_allclose(found.shift, shares[:, None] * BY_BASE, atol=1e-12)
@@ -45,23 +45,23 @@ def test_the_others_move_by_their_common_errors() -> None:
 
 
 def test_touch_ups_of_a_keyframe_add_up_without_undone_ones() -> None:
-    once = touch_up([TouchUp(1.0, 2.0 * BY_NAV)], KEYFRAMES, T_BASE_NAV, walk())
+    once = condition_on_touch_ups([TouchUp(1.0, 2.0 * BY_NAV)], KEYFRAMES, T_BASE_NAV, walk())
     undone = TouchUp(3.0, BY_NAV, undone=True)
-    twice = touch_up([TouchUp(1.0, BY_NAV), undone, TouchUp(1.0, BY_NAV)], KEYFRAMES, T_BASE_NAV, walk())
+    twice = condition_on_touch_ups([TouchUp(1.0, BY_NAV), undone, TouchUp(1.0, BY_NAV)], KEYFRAMES, T_BASE_NAV, walk())
     np.testing.assert_allclose(twice.shift, once.shift, atol=1e-12)
     np.testing.assert_allclose(twice.cov, once.cov, atol=1e-15)
 
 
 def test_a_touched_keyframe_stays_when_another_is_touched() -> None:
     touches = [TouchUp(1.0, BY_NAV), TouchUp(3.0, -BY_NAV)]
-    found = touch_up(touches, KEYFRAMES, T_BASE_NAV, walk())
-    first = touch_up(touches[:1], KEYFRAMES, T_BASE_NAV, walk())
+    found = condition_on_touch_ups(touches, KEYFRAMES, T_BASE_NAV, walk())
+    first = condition_on_touch_ups(touches[:1], KEYFRAMES, T_BASE_NAV, walk())
     np.testing.assert_allclose(found.shift[1], BY_BASE, atol=1e-12)
     np.testing.assert_allclose(found.shift[3], first.shift[3] - BY_BASE, atol=1e-12)
 
 
 def test_a_touch_up_of_one_keyframe_only_moves_no_other() -> None:
-    found = touch_up([TouchUp(2.0, BY_NAV, only=True)], KEYFRAMES, T_BASE_NAV, walk())
+    found = condition_on_touch_ups([TouchUp(2.0, BY_NAV, only=True)], KEYFRAMES, T_BASE_NAV, walk())
     np.testing.assert_allclose(found.shift, np.outer([0, 0, 1, 0], BY_BASE), atol=1e-15)
     sigma = np.sqrt(np.diagonal(found.cov).reshape(COUNT, 6)[:, 0])
     np.testing.assert_allclose(sigma, [0.003, 0.003 * 2**0.5, TOUCH_SIGMA_M, 0.006], rtol=1e-9)
@@ -69,13 +69,13 @@ def test_a_touch_up_of_one_keyframe_only_moves_no_other() -> None:
 
 def test_a_keyframe_touched_alone_stays_when_another_is_touched() -> None:
     touches = [TouchUp(1.0, BY_NAV, only=True), TouchUp(3.0, -BY_NAV), TouchUp(1.0, BY_NAV), TouchUp(2.0, BY_NAV)]
-    found = touch_up(touches, KEYFRAMES, T_BASE_NAV, walk())
+    found = condition_on_touch_ups(touches, KEYFRAMES, T_BASE_NAV, walk())
     np.testing.assert_allclose(found.shift[1], 2.0 * BY_BASE, atol=1e-12)
 
 
 @pytest.mark.parametrize("t", [1.4, -1.0, 9.0])
 def test_a_touch_up_of_a_missing_keyframe_moves_nothing(t: float) -> None:
-    assert not touch_up([TouchUp(t, BY_NAV)], KEYFRAMES, T_BASE_NAV, walk()).shift.any()
+    assert not condition_on_touch_ups([TouchUp(t, BY_NAV)], KEYFRAMES, T_BASE_NAV, walk()).shift.any()
 
 
 def test_touch_ups_that_were_undone_are_no_source_of_errors() -> None:
@@ -86,5 +86,5 @@ def test_touch_ups_that_were_undone_are_no_source_of_errors() -> None:
     for touch, parts in ((TouchUp(t, BY_NAV, undone=True), set()), (TouchUp(t, BY_NAV), {"touch-ups"})):
         demo = replace(path.tracking.demo, touch_ups=(touch,))
         touched = replace(path, tracking=replace(path.tracking, demo=demo))
-        placed = in_base(keyframes_of(path), dock, path=touched)
+        placed = place_in_base(keyframes_of(path), dock, path=touched)
         assert touched_covariances(placed).keys() - tool_covariances(placed).keys() == parts

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from pbd.calibration.accelerometer import NAMES
-from pbd.calibration.dock import in_base
+from pbd.calibration.dock import place_in_base
 from pbd.calibration.tool_poses import tool_poses
 from pbd.cli import main
 from pbd.cli.record import _errors
@@ -298,7 +298,7 @@ def test_a_lever_is_found_with_the_scale_of_the_path(capsys: Capture) -> None:
         encoding="utf-8",
     )
     assert run(capsys, "calibrate", "mount", "large", "pivot", "--pivot")[0] == 0
-    placed = in_base(find_keyframes(track(demo.recording)), read_calibration(Path("calibration/large.toml")))
+    placed = place_in_base(find_keyframes(track(demo.recording)), read_calibration(Path("calibration/large.toml")))
     assert np.ptp([pose.p for pose in tool_poses(placed)], axis=0).max() < 0.005
 
 

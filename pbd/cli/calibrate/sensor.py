@@ -58,9 +58,12 @@ def _figures(fit: SensorFit) -> dict[str, float]:
     figures: dict[str, float] = {}
     if acc := fit.acc:
         figures |= {"rests": len(fit.rests), "orientations": acc.orientations}
-        figures |= {"acc_before_mg": round(acc.before / MG, 2), "acc_after_mg": round(acc.after / MG, 2)}
+        figures |= {"acc_before_mg": round(acc.rms_before / MG, 2), "acc_after_mg": round(acc.rms_after / MG, 2)}
     if mag := fit.mag:
-        figures |= {"mag_before_pct": round(100.0 * mag.before, 2), "mag_after_pct": round(100.0 * mag.uneven, 2)}
+        figures |= {
+            "mag_before_pct": round(100.0 * mag.uneven_before, 2),
+            "mag_after_pct": round(100.0 * mag.uneven, 2),
+        }
     return figures
 
 
@@ -86,12 +89,14 @@ def _print(fit: SensorFit) -> None:
         shown += [f"{100.0 * (x - 1.0):+.2f} %" for x in np.diagonal(linear.matrix)] + [f"{x:+.2f}°" for x in lean]
         for name, value in zip(NAMES, shown, strict=True):
             rows.append((f"accelerometer {name}", value, "" if name in fit.acc.determined else "unknown"))
-        rows.append(("|a| minus gravity", f"{fit.acc.before / MG:.1f} mg -> {fit.acc.after / MG:.2f} mg rms", ""))
+        rows.append(
+            ("|a| minus gravity", f"{fit.acc.rms_before / MG:.1f} mg -> {fit.acc.rms_after / MG:.2f} mg rms", "")
+        )
     if fit.mag is not None:
         bias, matrix = fit.mag.linear.bias, fit.mag.linear.matrix
         rows.append(("hard iron", f"({', '.join(f'{x:.1f}' for x in bias)}) µT", ""))
         rows.append(("soft iron", f"{100.0 * np.abs(matrix - np.eye(3)).max():.1f} %", ""))
-        evened = f"{100.0 * fit.mag.before:.1f} % -> {100.0 * fit.mag.uneven:.2f} % rms"
+        evened = f"{100.0 * fit.mag.uneven_before:.1f} % -> {100.0 * fit.mag.uneven:.2f} % rms"
         rows.append(("strength of the field differs by", evened, f"{fit.mag.field:.1f} µT"))
         rows.append(("dip differs by", f"{np.degrees(fit.mag.dip_uneven):.2f}° rms", f"{np.degrees(fit.mag.dip):.1f}°"))
     print_table(words_table(("what", "value", ""), rows))

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from pbd.calibration.dock import in_base
+from pbd.calibration.dock import place_in_base
 from pbd.calibration.tool_poses import KeyframesInBase
 from pbd.calibration.uncertainty import SOURCES, base_sigmas, tool_covariances
 from pbd.cli.common import load_demonstration, sigma_json, track_with
@@ -61,7 +61,7 @@ def _placed(args: argparse.Namespace, calibration: Calibration) -> tuple[str, Ke
     try:
         demo = load_demonstration(args.demo)
         path = track_with(args, demo, calibration)
-        return demo.recording.info.name, in_base(keyframes_of(path), calibration, path=path)
+        return demo.recording.info.name, place_in_base(keyframes_of(path), calibration, path=path)
     except PbdError as reason:
         if args.demo is not None:
             raise

@@ -20,7 +20,7 @@ from pbd.arm.ik.partial_pose import (
 )
 from pbd.arm.ik.solver import solve
 from pbd.arm.model import ArmModel, load_model, to_se3
-from pbd.calibration.dock import in_base
+from pbd.calibration.dock import place_in_base
 from pbd.calibration.tool_poses import tool_poses
 from pbd.errors import PbdWarning
 from pbd.files.robot import read_robot
@@ -194,7 +194,7 @@ def test_five_joints_hold_the_bundled_demonstrations(name: str, demo: str) -> No
     arm, keyframes = arm_of(name), keyframes_of(demo)
     dock = arm.robot.dock
     assert dock is not None
-    poses = tool_poses(in_base(keyframes, dock))
+    poses = tool_poses(place_in_base(keyframes, dock))
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         q = solve_path(arm, poses, arm.robot.home)
