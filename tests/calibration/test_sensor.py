@@ -174,7 +174,7 @@ def test_without_noise_the_errors_are_found_exactly(seed: int) -> None:
     assert_allclose(fit.linear.bias, bias, atol=2e-3)
     assert_allclose(fit.linear.matrix, symmetric(gain), atol=3e-4)
     assert fit.determined == NAMES
-    assert fit.after < 1e-3
+    assert fit.rms_after < 1e-3
 
 
 def test_a_bad_accelerometer_is_found(rests: Rests) -> None:
@@ -430,7 +430,9 @@ def test_rests_that_a_drifting_gyro_takes_for_turns_are_told(recording: Recordin
     drift = np.radians(np.linspace(-0.5, 0.5, len(recording)))[:, None] * (0.0, 0.0, 1.0)
     fit = calibrate_sensor(replace(recording, gyr=known(recording.gyr) + drift), gravity=EARTH.gravity)
     assert len(fit.rests) < 12
-    assert fit.remarks[0].startswith(f"{12 - len(fit.rests)} rests of 12 left out: the gyro reads more than 0.3")
+    assert fit.remarks[0].startswith(
+        f"{12 - len(fit.rests)} rests of 12 left out: the gyro's reading differs by more than 0.3"
+    )
 
 
 def test_one_bad_rest_is_named_and_widens_the_sigmas(recording: Recording, rests: Rests) -> None:
