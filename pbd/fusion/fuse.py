@@ -12,10 +12,10 @@ from pbd.fusion.grips import differing_grips
 from pbd.fusion.joint_estimate import LARGEST_LEVER_M, Observations, TaskState, estimate_jointly
 from pbd.fusion.known_stops import condition_on_known_stops
 from pbd.fusion.marginals import estimate_with_device, marginal_of
-from pbd.fusion.matching import MATCH_M, Alignment, Keyframes, align
+from pbd.fusion.matching import MATCH_M, Alignment, Keyframes, align_takes
 from pbd.fusion.moved_things import MovedKeyframes, another_thing, find_moved_keyframes
 from pbd.fusion.outliers import disagreement, outlying_take, without_outlying_keyframes
-from pbd.fusion.result import Fused, hand_path
+from pbd.fusion.result import Fused, fused_hand_path
 from pbd.fusion.scatter import TRACKER_FREEDOM, common_scatter, keyframe_scatter
 from pbd.fusion.takes import Take, initial_estimate, matched_keyframes, refuse_other_tasks, tracked_take
 
@@ -35,8 +35,8 @@ def fused_path(demo: Demonstration, method: str, calibration: Calibration | None
             what = f"{where}'{other.info.name}' is the same recording as '{one.info.name}'"
             raise RecordingError(f"{what}; name each take once")
     takes = [tracked_take(take, calibration, accept_gap) for take in demo.takes]
-    fused = estimated(takes, calibration)
-    path = hand_path(demo, fused, calibration, accept_gap)
+    fused = estimate_task(takes, calibration)
+    path = fused_hand_path(demo, fused, calibration, accept_gap)
     assert path.fusion is not None
     lines = _exclusions(path.fusion.takes) + differing_grips(fused.kept, fused.takes)
     lines.append(_shifted_sensors(path.fusion.takes))
@@ -49,7 +49,7 @@ def fused_path(demo: Demonstration, method: str, calibration: Calibration | None
     return path
 
 
-def estimated(takes: Sequence[Take], calibration: Calibration | None = None) -> Fused:
+def estimate_task(takes: Sequence[Take], calibration: Calibration | None = None) -> Fused:
     """Estimate a task jointly from its takes, without outliers and takes of another task.
 
     The first estimate uses each take as it was tracked alone. The final one linearises each take anew at the estimated
@@ -97,7 +97,7 @@ def _matched(shown: Sequence[Keyframes]) -> tuple[MovedKeyframes | None, Alignme
     keyframes = shown if moved is None else [moved.put_back(k, one) for k, one in enumerate(shown)]
     if moved is not None and (also := another_thing(moved, keyframes)):
         warn(also)
-    return moved, align(keyframes)
+    return moved, align_takes(keyframes)
 
 
 def _with_known_stops(

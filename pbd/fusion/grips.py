@@ -4,13 +4,13 @@ from collections.abc import Sequence
 from itertools import accumulate
 
 from pbd.errors import listed
-from pbd.fusion.matching import Own
+from pbd.fusion.matching import IndexByTake
 from pbd.fusion.takes import Take
 
 DOES = {True: "closes", False: "opens", None: "does not move"}
 
 
-def fused_grips(keyframes: Sequence[Own], takes: Sequence[Take]) -> list[bool | None]:
+def fused_grips(keyframes: Sequence[IndexByTake], takes: Sequence[Take]) -> list[bool | None]:
     """Return what the grip does at each of the task's keyframes: True if it closes, False if it opens, else None.
 
     The takes vote on whether the grip is closed after a keyframe, not on whether it moves there. So a grip counts once
@@ -37,7 +37,7 @@ def _states(take: Take) -> list[bool]:
     return [*accumulate(grips, lambda closed, grip: closed if grip is None else grip, initial=False)][1:]
 
 
-def differing_grips(keyframes: Sequence[Own], takes: Sequence[Take]) -> list[str]:
+def differing_grips(keyframes: Sequence[IndexByTake], takes: Sequence[Take]) -> list[str]:
     """Say at which keyframes the takes' grips differ, what the fused grip does, and whether it ends as theirs."""
     lines, does = [], fused_grips(keyframes, takes)
     for j, (keyframe, fused) in enumerate(zip(keyframes, does, strict=True)):

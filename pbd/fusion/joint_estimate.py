@@ -110,6 +110,7 @@ class JointEstimate:
     """The joint estimate of a task.
 
     Attributes:
+        state: the estimate.
         cov: (6J, 6J), covariance of the keyframes' positions (m) and rotation vectors (rad) in nav.
         scatter: the hand's scatter.
         residuals: (N,), those of all takes.

@@ -19,9 +19,10 @@ def condition_on_known_stops(
 ) -> Marginal:
     """Return a take's marginal, conditioned on what its demo.toml says of its stops.
 
-    Points given in base are not used here but for the fused path (`points_in_base`).
+    Points given in base are not used here; the fused path uses them (`points_in_base`).
 
     Args:
+        take: a take.
         marginal: the take's, not conditioned yet.
         Q, lever: (3, 3) and (3,) m, the sensor's rotation and shift in the hand relative to the first take.
         calibration: its mount is that of the first take.

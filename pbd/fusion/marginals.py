@@ -71,8 +71,9 @@ def marginal_of(solution: Solution, knots: Sequence[int], x: State | None = None
     """Marginalise a take onto its keyframes and its device's errors.
 
     Args:
+        solution: the take's, as tracked alone.
         knots: indices of the keyframes' knots.
-        x: linearisation point, estimated with given device errors; None: the solution.
+        x: linearisation point, estimated with given device errors; None: that of the solution.
     """
     problem, solved = solution.problem, solution.solved
     if x is None:
@@ -100,6 +101,7 @@ def conditioned(marginal: Marginal, H: Array, noise: Array, misfit: Array) -> Ma
     """Return the marginal after a linear measurement of its keyframes: a Kalman update in Joseph's form.
 
     Args:
+        marginal: n keyframes, before the measurement.
         H: (6n, m), derivatives of the measurement by each position and rotation vector.
         noise: (m, m), covariance of the measurement.
         misfit: (m,), measured minus predicted value.

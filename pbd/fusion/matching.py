@@ -18,9 +18,9 @@ from pbd.pose import Array, matrix_log, quat_about_z, quat_to_matrix
 MATCH_M, MATCH_RAD, MATCH_SHARE = 0.03, np.radians(10.0), 0.1
 """Repeatability of a hand, for matching only: m, rad, and a share of the move. Above MATCH_M there is a warning."""
 
-SKIP, GRIP = 8.0, 12.0
+SKIP_COST, GRIP_COST = 8.0, 12.0
 """Cost of a keyframe without a match, and of a different grip, in squared sigmas. Two keyframes match up to a cost of
-twice SKIP, which is four sigmas."""
+twice SKIP_COST, which is four sigmas."""
 
 MAX_SKIPS = 4
 """Largest number of keyframes in a row without a match, while moves are compared."""
@@ -87,8 +87,8 @@ class Registration:
         return Registration(-self.yaw, -quat_to_matrix(quat_about_z(-self.yaw)) @ self.c, self.Q.T)
 
 
-Own = dict[int, int]
-"""A keyframe of the task: take -> index of this keyframe in the take, for each take that has it."""
+IndexByTake = dict[int, int]
+"""A keyframe of the task: number of a take -> index of this keyframe in that take, for each take that has it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,30 +98,30 @@ class Alignment:
     Attributes:
         keyframes: all in order, also those that few takes have, each as in the first take that has it, in the
             reference's nav.
-        own: which keyframe of each take each of them is.
-        registered: take -> map to the reference's frame.
-        strangers: takes of another task.
+        own: for each of `keyframes`, its index in the takes that have it.
+        registered: number of a take -> map to the reference's frame.
+        strangers: numbers of the takes of another task.
     """
 
     keyframes: Keyframes
-    own: tuple[Own, ...]
+    own: tuple[IndexByTake, ...]
     registered: dict[int, Registration]
     strangers: tuple[int, ...]
 
-    def kept(self) -> tuple[Keyframes, tuple[Own, ...]]:
+    def kept(self) -> tuple[Keyframes, tuple[IndexByTake, ...]]:
         """Return the keyframes that most takes have, and the first one, which is the dock."""
         kept = [k for k, own in enumerate(self.own) if k == 0 or 2 * len(own) > len(self.registered)]
         return self.keyframes[kept], tuple(self.own[k] for k in kept)
 
     def without(self, take: int) -> Alignment:
-        """Return the alignment without a take."""
+        """Return the alignment without a take, and without the keyframes that only this take had."""
         registered = {k: one for k, one in self.registered.items() if k != take}
         own = [{k: i for k, i in each.items() if k != take} for each in self.own]
         left = [k for k, each in enumerate(own) if each]
         return Alignment(self.keyframes[left], tuple(own[k] for k in left), registered, self.strangers)
 
 
-def align(takes: Sequence[Keyframes]) -> Alignment:
+def align_takes(takes: Sequence[Keyframes]) -> Alignment:
     """Match the keyframes of all takes.
 
     The reference is a take with the most frequent number of keyframes; if half of the takes or more don't match it,
@@ -164,10 +164,12 @@ def _try_register(ref: Keyframes, other: Keyframes) -> Registration | None:
     return found if len(pairs) >= least and may_match(ref[[0]], found.apply(other)[[0]]).all() else None
 
 
-def _merged(keyframes: Keyframes, own: list[Own], take: int, other: Keyframes) -> tuple[Keyframes, list[Own]]:
+def _merged(
+    keyframes: Keyframes, own: list[IndexByTake], take: int, other: Keyframes
+) -> tuple[Keyframes, list[IndexByTake]]:
     """Add the keyframes of a registered take: to their partners, or as new ones in their order."""
     partner = {j: i for i, j in match_by_pose(keyframes, other)}
-    index, merged, done = list[int](), list[Own](), 0  # index: those known first, then those of the take
+    index, merged, done = list[int](), list[IndexByTake](), 0  # index: those known first, then those of the take
     for j in range(len(other)):
         if j in partner:
             index += range(done, partner[j] + 1)
@@ -223,18 +225,18 @@ def match_by_moves(ref: Keyframes, other: Keyframes) -> list[tuple[int, int]]:
     """Match in order, by the moves between matched keyframes, over up to MAX_SKIPS others. Dynamic programming."""
     n, m = len(ref), len(other)
     grip = _grip_cost(ref, other)
-    cost = grip + SKIP * (np.arange(n)[:, None] + np.arange(m))
+    cost = grip + SKIP_COST * (np.arange(n)[:, None] + np.arange(m))
     back = np.zeros((n, m, 2), dtype=np.intp)
     ours, theirs = _move_features(ref), _move_features(other)
     for i in range(1, n):
         for a in range(1, min(i, MAX_SKIPS + 1) + 1):
             for b in range(1, min(m - 1, MAX_SKIPS + 1) + 1):
-                move = _move_misfit(ours[a - 1][i - a], theirs[b - 1]) + SKIP * (a + b - 2)
+                move = _move_misfit(ours[a - 1][i - a], theirs[b - 1]) + SKIP_COST * (a + b - 2)
                 total = cost[i - a, : m - b] + move + grip[i, b:]
                 better = total < cost[i, b:]
                 cost[i, b:][better] = total[better]
                 back[i, b:][better] = (a, b)
-    end = cost + SKIP * (n - 1 - np.arange(n)[:, None] + m - 1 - np.arange(m))
+    end = cost + SKIP_COST * (n - 1 - np.arange(n)[:, None] + m - 1 - np.arange(m))
     i, j = divmod(int(np.argmin(end)), m)
     pairs = [(i, j)]
     while back[i, j].any():
@@ -261,23 +263,24 @@ def _move_misfit(one: Array, others: Array) -> Array:
 
 
 def _grip_cost(ref: Keyframes, other: Keyframes) -> Array:
-    return np.array([[0.0 if a == b else GRIP for b in other.grip] for a in ref.grip]).reshape(len(ref), len(other))
+    differs = [[a != b for b in other.grip] for a in ref.grip]
+    return GRIP_COST * np.array(differs, dtype=np.float64).reshape(len(ref), len(other))
 
 
 def match_by_pose(ref: Keyframes, other: Keyframes) -> list[tuple[int, int]]:
     """Match keyframes of one frame, in order, by pose and grip. Dynamic programming."""
     n, m = len(ref), len(other)
     match = _pose_costs(ref, other)
-    cost = SKIP * (np.arange(n + 1)[:, None] + np.arange(m + 1.0))
+    cost = SKIP_COST * (np.arange(n + 1)[:, None] + np.arange(m + 1.0))
     for i in range(n):
         for j in range(m):
-            cost[i + 1, j + 1] = min(cost[i, j] + match[i, j], cost[i, j + 1] + SKIP, cost[i + 1, j] + SKIP)
+            cost[i + 1, j + 1] = min(cost[i, j] + match[i, j], cost[i, j + 1] + SKIP_COST, cost[i + 1, j] + SKIP_COST)
     pairs, i, j = [], n, m
     while i and j:
         if cost[i, j] == cost[i - 1, j - 1] + match[i - 1, j - 1]:
             i, j = i - 1, j - 1
             pairs.append((i, j))
-        elif cost[i, j] == cost[i - 1, j] + SKIP:
+        elif cost[i, j] == cost[i - 1, j] + SKIP_COST:
             i -= 1
         else:
             j -= 1
@@ -286,7 +289,7 @@ def match_by_pose(ref: Keyframes, other: Keyframes) -> list[tuple[int, int]]:
 
 def may_match(ref: Keyframes, other: Keyframes) -> NDArray[np.bool_]:
     """Say of each keyframe (n,) whether it may match the one with the same index, by pose and grip."""
-    return np.asarray(np.diagonal(_pose_costs(ref, other)) <= 2.0 * SKIP)
+    return np.asarray(np.diagonal(_pose_costs(ref, other)) <= 2.0 * SKIP_COST)
 
 
 def _pose_costs(ref: Keyframes, other: Keyframes) -> Array:

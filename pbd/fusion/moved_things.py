@@ -35,11 +35,11 @@ class MovedKeyframes:
     """Keyframes that moved with an object.
 
     Attributes:
-        first, last: keyframes of the takes that have them.
+        first, last: indices of the first and the last moved keyframe, in takes with the usual keyframes.
         gain: logarithm of the likelihood ratio.
-        reference: the take that shows where the object belongs.
-        rest: take -> map of its nav to the reference's.
-        back: take in which they moved -> map of the moved keyframes to where they are in the reference.
+        reference: number of the take that shows where the object belongs.
+        rest: number of a take -> map of its nav to the reference's, by the keyframes that did not move.
+        back: number of a take in which they moved -> map of the moved keyframes to where they are in the reference.
     """
 
     first: int
@@ -105,7 +105,8 @@ def another_thing(moved: MovedKeyframes, takes: Sequence[Keyframes]) -> str:
     """Say which keyframes move with a second object, which has no frame of its own; "" if there is none.
 
     Args:
-        takes: as `moved` was found in, put back.
+        moved: what moved with the first object.
+        takes: those in which `moved` was found, after `put_back`.
     """
     also = find_moved_keyframes(takes)
     if also is None or (also.first <= moved.last and also.last >= moved.first):

@@ -14,18 +14,18 @@ from pbd.fusion.matching import TURN_LEVER_M
 from pbd.fusion.scatter import Scatter, common_scatter
 from pbd.pose import lengths
 
-FALSE_RATE = 0.01
+FALSE_ALARM_CHANCE = 0.01
 """Chance that a fusion without outliers reports one."""
 
 LEAST_TAKES = 3
 """Smallest number of takes among which an outlier can be located."""
 
 RAISED_SIGMAS = 2.0
-"""How far the scatter is raised for the test, in sigmas of its logarithm, because few takes show it inaccurately."""
+"""How far the scatter is raised for the test, in sigmas of its logarithm: a few takes show the scatter inaccurately."""
 
-SUSPECT = 1.25
-"""Smallest median residual of a take that is tested, as a multiple of the median take's. It must be below 2: an outlier
-among three takes draws the estimate a third of the way, so its residual is only twice that of the others."""
+SUSPECT_RATIO = 1.25
+"""A take is tested if its median residual is at least this multiple of the median take's. The multiple must be below 2:
+an outlier among three takes draws the estimate a third of the way, so its residual is only twice the others'."""
 
 FIXED_SPREAD = 1e-3
 """Prior sigma of the logarithm of a scatter that is held fixed."""
@@ -59,6 +59,7 @@ def _outlying_keyframe(observations: Observations, joint: JointEstimate, takes: 
     """Return the worst keyframe of a take if it is an outlier.
 
     Args:
+        observations, joint: input and result of the joint estimate.
         takes: only keyframes that this number of takes have are tested; for LEAST_TAKES, that number or more.
     """
     counts = np.bincount(observations.at)[observations.at]
@@ -84,7 +85,7 @@ def outlying_take(observations: Observations, joint: JointEstimate) -> int | Non
     weighted = joint.residuals.reshape(-1, 6) * np.repeat((1.0, TURN_LEVER_M), 3)  # m
     off = np.array([np.median(lengths(weighted[observations.take == k])) for k in range(len(takes))])
     worst = int(np.argmax(off))
-    if off[worst] < SUSPECT * np.median(off):
+    if off[worst] < SUSPECT_RATIO * np.median(off):
         return None
     # One keyframe that is off moves the take's nav, and so all its residuals: the take is tested without its worst.
     own = np.flatnonzero(observations.take == worst)
@@ -96,9 +97,9 @@ def outlying_take(observations: Observations, joint: JointEstimate) -> int | Non
 
 
 def _worst(observations: Observations, joint: JointEstimate, rows: NDArray[np.intp]) -> int:
-    """Return which keyframe's residuals (one row each) fit a usual hand worst.
+    """Return the index of the keyframe, one row of indices of residuals each, that fits a usual hand worst.
 
-    The scatter as estimated can't tell: the dock has its own, and an outlier there raises it.
+    The estimated scatter can't show it: the dock has a scatter of its own, and an outlier there raises it.
     """
     usual = estimate_jointly(observations, joint.state, _held(common_scatter(len(joint.state.m))))
     return int(np.argmax(usual.chi_squares(list(rows))))
@@ -118,7 +119,7 @@ def _is_outlier(
     raised = _held(replace(without, log=without.log + RAISED_SIGMAS * without.log_sigma))
     again = estimate_jointly(observations, joint.state, raised)
     position, attitude = rows.reshape(-1, 2, 3).swapaxes(0, 1).reshape(2, -1)
-    limit = chdtri(len(position), 0.5 * FALSE_RATE / tests)
+    limit = chdtri(len(position), 0.5 * FALSE_ALARM_CHANCE / tests)
     return bool((again.chi_squares([position, attitude]) > limit).any())
 
 

@@ -25,7 +25,7 @@ from pbd.fusion.grips import fused_grips
 from pbd.fusion.joint_estimate import JointEstimate, Observations
 from pbd.fusion.known_stops import points_in_base
 from pbd.fusion.marginals import BIAS_PART
-from pbd.fusion.matching import Own
+from pbd.fusion.matching import IndexByTake
 from pbd.fusion.mean_path import MeanPath, TakePath, average_paths
 from pbd.fusion.moved_things import MovedKeyframes
 from pbd.fusion.scatter import Scatter
@@ -47,7 +47,7 @@ class Fused:
         takes: all takes.
         used: indices of the takes in the estimate. The first of them defines the frame.
         left_out: index of each other take -> why it is not used.
-        kept: the task's keyframes, as which of each take's.
+        kept: the task's keyframes; for each, its index in the takes that have it.
         outliers: keyframes of takes that are not believed: (index in `used`, the task's keyframe).
         observations, joint: input and result of the joint estimate.
         scatter: the hand's scatter at each keyframe.
@@ -58,7 +58,7 @@ class Fused:
     takes: Sequence[Take]
     used: Sequence[int]
     left_out: Mapping[int, str]
-    kept: Sequence[Own]
+    kept: Sequence[IndexByTake]
     outliers: Sequence[tuple[int, int]]
     observations: Observations
     joint: JointEstimate
@@ -154,7 +154,7 @@ def _moved_thing(fused: Fused) -> MovedThing | None:
     return MovedThing(int(moving[0]), int(moving[-1]), moved_m)
 
 
-def hand_path(demo: Demonstration, fused: Fused, calibration: Calibration | None, accept_gap: bool) -> HandPath:
+def fused_hand_path(demo: Demonstration, fused: Fused, calibration: Calibration | None, accept_gap: bool) -> HandPath:
     """Return the mean path through the fused keyframes."""
     tracking, joint, T_nav_first = fused.first.path.tracking, fused.joint, fused.T_nav_first
     assert tracking is not None

@@ -38,7 +38,7 @@ class Scatter:
     """Standard deviations of the hand at J keyframes, in g groups that share one value.
 
     Attributes:
-        group: (J, 6) group of a keyframe's position (m) and rotation (rad), along nav's axes.
+        group: (J, 6) index of the group of each component of a keyframe's position (m) and rotation (rad), in nav.
         log: (g,) logarithms of the standard deviations.
         prior_log, prior_spread: (g,) mean and sigma of their priors.
         log_sigma: (g,) one sigma of the logarithms as estimated.

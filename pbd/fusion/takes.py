@@ -19,8 +19,8 @@ ANOTHER_DEVICE = 5.0 * DEVICE_ERRORS
 """Chi-square between the sensor errors of a take and of a device, above which the take is of another device. In
 simulation (WT901, 64 takes) takes of one device gave at most 13, takes of two devices at least 700."""
 
-LEAST_KNOWN = 1e-6
-"""Smallest eigenvalue of the scaled information matrix that is used, as a share of the largest."""
+LEAST_EIGENVALUE_SHARE = 1e-6
+"""Smaller eigenvalues of the scaled information matrix, as a share of the largest, are taken as zero."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,7 +28,12 @@ class Take:
     """A take as tracked alone.
 
     Attributes:
+        name: its demonstration's.
+        path: the hand's.
+        solution: the smoother's.
         knots: index of the smoother's knot in the middle of each stop.
+        keyframes: one for each stop.
+        marginal: of the keyframes and the device's errors.
     """
 
     name: str
@@ -81,7 +86,8 @@ def refuse_other_tasks(takes: Sequence[Take], alignment: Alignment) -> None:
     other = takes[alignment.strangers[0]]
     raise TrackingError(
         f"{takes[reference].name} ({len(takes[reference].knots)} stops) and {other.name} ({len(other.knots)} stops) "
-        "are of different tasks: fewer than half of their keyframes match, or not the dock; fuse takes of one task"
+        "are of different tasks: fewer than half of their keyframes match, or the first ones do not; fuse takes of one "
+        "task"
     )
 
 
@@ -134,4 +140,4 @@ def _misfit(marginal: Marginal, others: Sequence[Marginal]) -> float:
     off = marginal.gradient - information @ errors
     scale = 1.0 / np.sqrt(np.maximum(np.diagonal(information), np.finfo(float).tiny))
     spread = (information + information @ cov @ information) * np.outer(scale, scale)
-    return float((off * scale) @ np.linalg.pinv(spread, LEAST_KNOWN, hermitian=True) @ (off * scale))
+    return float((off * scale) @ np.linalg.pinv(spread, LEAST_EIGENVALUE_SHARE, hermitian=True) @ (off * scale))

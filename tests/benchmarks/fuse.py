@@ -34,11 +34,11 @@ from scipy.special import chdtr
 
 from pbd.data import Demonstration, HandPath
 from pbd.errors import PbdError, PbdWarning
-from pbd.fusion.fuse import estimated
+from pbd.fusion.fuse import estimate_task
 from pbd.fusion.joint_estimate import estimate_jointly
 from pbd.fusion.marginals import estimate_with_device, marginal_of
-from pbd.fusion.matching import Keyframes, align, match_by_moves, match_by_pose, register
-from pbd.fusion.result import hand_path
+from pbd.fusion.matching import Keyframes, align_takes, match_by_moves, match_by_pose, register
+from pbd.fusion.result import fused_hand_path
 from pbd.fusion.scatter import common_scatter
 from pbd.fusion.takes import Take, initial_estimate, matched_keyframes, tracked_take
 from pbd.pipeline import fuse, fused_demo
@@ -189,7 +189,9 @@ def outcome(scenario: Scenario, seed: int) -> dict[str, Any]:
     try:
         takes = [_tracked(most, seed, k) for k in range(scenario.takes)]
         # As `fuse` does it, but that each take is tracked once for all columns.
-        path = hand_path(fused_demo(demos), estimated(takes), None, False) if len(takes) > 1 else takes[0].path
+        path = (
+            fused_hand_path(fused_demo(demos), estimate_task(takes), None, False) if len(takes) > 1 else takes[0].path
+        )
         plain = plain_average([take.path for take in takes])
         told = told_device(takes, one_device(SENSOR_MODELS[scenario.sensor], seed))
     except PbdError:
@@ -284,7 +286,7 @@ def told_device(takes: Sequence[Take], device: SensorModel) -> Keyframes:
         marginal = marginal_of(take.solution, take.knots, estimate_with_device(take.solution, errors))
         marginal = replace(marginal, prior=1e4 * np.diag(np.diagonal(marginal.prior)), mean=errors)
         told.append(replace(take, marginal=marginal))
-    found = align([matched_keyframes(take) for take in told])
+    found = align_takes([matched_keyframes(take) for take in told])
     parts, x = initial_estimate(told, sorted(found.registered), found, None)
     x = estimate_jointly(parts, x, common_scatter(len(x.m))).state
     return Keyframes(x.m, x.A @ case, (None,) * len(x.m), np.zeros(len(x.m)))

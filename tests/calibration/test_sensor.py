@@ -430,9 +430,8 @@ def test_rests_that_a_drifting_gyro_takes_for_turns_are_told(recording: Recordin
     drift = np.radians(np.linspace(-0.5, 0.5, len(recording)))[:, None] * (0.0, 0.0, 1.0)
     fit = calibrate_sensor(replace(recording, gyr=known(recording.gyr) + drift), gravity=EARTH.gravity)
     assert len(fit.rests) < 12
-    assert fit.remarks[0].startswith(
-        f"{12 - len(fit.rests)} rests of 12 left out: the gyro's reading differs by more than 0.3"
-    )
+    left_out = f"{12 - len(fit.rests)} rests of 12 left out: the gyro's reading differs by more than 0.3"
+    assert fit.remarks[0].startswith(left_out)
 
 
 def test_one_bad_rest_is_named_and_widens_the_sigmas(recording: Recording, rests: Rests) -> None:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pbd.fusion.matching import Keyframes, Registration, align, match_by_moves, register
+from pbd.fusion.matching import Keyframes, Registration, align_takes, match_by_moves, register
 from tests.fusion.made import rotations
 
 
@@ -47,40 +47,40 @@ def test_positions_outweigh_rotations_in_a_registration() -> None:
 def test_a_keyframe_of_most_takes_is_kept_even_if_the_first_lacks_it() -> None:
     task = keyframes()
     takes = [subset(task, [0, 1, 2, 4, 5, 6]), task, ELSEWHERE.apply(task), subset(task, [0, 1, 2, 3, 4, 6])]
-    found = align(takes)
+    found = align_takes(takes)
     assert [sorted(own.items()) for own in found.kept()[1]][3] == [(1, 3), (2, 3), (3, 3)]
     assert len(found.kept()[1]) == 7
 
 
 def test_a_keyframe_of_few_takes_is_left_out() -> None:
     task = keyframes()
-    found = align([task, subset(task, [0, 1, 2, 4, 5, 6]), subset(task, [0, 1, 2, 4, 5, 6])])
+    found = align_takes([task, subset(task, [0, 1, 2, 4, 5, 6]), subset(task, [0, 1, 2, 4, 5, 6])])
     assert [own[0] for own in found.kept()[1]] == [0, 1, 2, 4, 5, 6]
 
 
 @pytest.mark.parametrize("seed", range(5))
 def test_another_task_is_a_stranger(seed: int) -> None:
     task = keyframes(seed)
-    assert align([task, ELSEWHERE.apply(task), keyframes(seed + 100)]).strangers == (2,)
-    assert align([keyframes(seed + 100), task, ELSEWHERE.apply(task)]).strangers == (0,)
+    assert align_takes([task, ELSEWHERE.apply(task), keyframes(seed + 100)]).strangers == (2,)
+    assert align_takes([keyframes(seed + 100), task, ELSEWHERE.apply(task)]).strangers == (0,)
 
 
 def test_a_take_that_starts_elsewhere_is_a_stranger_whatever_matches_by_chance() -> None:
     task = keyframes(count=8)
-    assert align([subset(task, [0, 2, 3, 4]), subset(task, [1, 2, 3, 4, 5, 6, 7])]).strangers == (1,)
-    assert align([subset(task, [0, 2, 3, 4]), ELSEWHERE.apply(task)]).strangers == ()
+    assert align_takes([subset(task, [0, 2, 3, 4]), subset(task, [1, 2, 3, 4, 5, 6, 7])]).strangers == (1,)
+    assert align_takes([subset(task, [0, 2, 3, 4]), ELSEWHERE.apply(task)]).strangers == ()
 
 
 def test_a_take_that_was_cut_short_is_a_stranger() -> None:
     task = keyframes(count=8)
-    assert align([task, ELSEWHERE.apply(task), subset(task, [0, 1, 2])]).strangers == (2,)
-    assert align([task, ELSEWHERE.apply(task), subset(task, [0, 1, 2, 3])]).strangers == ()
+    assert align_takes([task, ELSEWHERE.apply(task), subset(task, [0, 1, 2])]).strangers == (2,)
+    assert align_takes([task, ELSEWHERE.apply(task), subset(task, [0, 1, 2, 3])]).strangers == ()
 
 
 def test_the_first_take_is_no_reference_if_most_have_another_number_of_stops() -> None:
     """Its own mistaken stop would shift what the others are compared with."""
     task = keyframes()
-    found = align([subset(task, [0, 1, 2, 4, 5, 6]), task, ELSEWHERE.apply(task)])
+    found = align_takes([subset(task, [0, 1, 2, 4, 5, 6]), task, ELSEWHERE.apply(task)])
     assert next(iter(found.registered)) == 1
 
 
