@@ -12,7 +12,7 @@ from pbd.data import Obstacle
 from pbd.errors import PlanError, RobotError
 from pbd.planning import PlanOptions, arm_of, choose_joints, plan_keyframes
 from pbd.planning.object_frames import ThingPlace, nearest_working_place
-from pbd.planning.task import Task
+from pbd.planning.task import PlanningTask
 from pbd.pose import Pose
 from tests.cli.running import Capture, run
 from tests.reading_meshes import read_mesh
@@ -31,7 +31,7 @@ def test_other_options_are_named_where_they_work() -> None:
 def test_what_no_motion_avoids_is_not_searched_for_again(monkeypatch: pytest.MonkeyPatch) -> None:
     searched = []
 
-    def choose(task: Task, scene: CollisionScene | None) -> Motion | choose_joints.PlanRefusal:
+    def choose(task: PlanningTask, scene: CollisionScene | None) -> Motion | choose_joints.PlanRefusal:
         searched.append(scene is not None)
         return choose_once(task, scene)
 

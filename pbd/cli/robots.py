@@ -162,7 +162,7 @@ def _ranked_table(rows: list[dict[str, Any]], units: Units) -> Table:
 
 def _suggest_home_and_dock(args: argparse.Namespace) -> None:
     """Search for them, and print them with the reasons for the choice."""
-    from pbd.planning.suggest_dock import suggest
+    from pbd.planning.suggest_dock import suggest_home_and_dock
 
     if args.robot or args.csv:
         raise UsageError("--suggest takes the file itself, and prints TOML, or JSON with --json")
@@ -172,7 +172,7 @@ def _suggest_home_and_dock(args: argparse.Namespace) -> None:
     _, keyframes = track_demonstration(args, demo, None)
     warn_of_frames(load_model(robot))
     with working(f"searching a home and a dock for {robot.name}"):
-        found = suggest(robot, keyframes, demo.grasped, say)
+        found = suggest_home_and_dock(robot, keyframes, demo.grasped, say)
     sections, reasons = _sections(found), _reasons(found, name)
     if args.json:
         warned = list(dict.fromkeys(args.warnings))  # the search may repeat what was said before it

@@ -17,7 +17,7 @@ from pbd.planning.preconditions import (
     warn_of_shapes,
     warn_of_table,
 )
-from pbd.planning.task import Task
+from pbd.planning.task import PlanningTask
 from pbd.planning.undo_advice import undo_advice
 from pbd.pose import Array, Pose
 
@@ -34,7 +34,7 @@ class PlanRefusal(NamedTuple):
     alternatives: tuple[tuple[str, PlanOptions], ...] = ()
 
 
-def choose_joints(task: Task) -> Motion | PlanRefusal:
+def choose_joints(task: PlanningTask) -> Motion | PlanRefusal:
     """Choose joints and segments, without timing; refuse what no motion can be planned for, and warn of doubts."""
     options = task.options
     if options.path == "demo" and task.hand_path is None:
@@ -54,7 +54,7 @@ def choose_joints(task: Task) -> Motion | PlanRefusal:
     return chosen
 
 
-def _choose(task: Task, scene: CollisionScene | None) -> Motion | PlanRefusal:
+def _choose(task: PlanningTask, scene: CollisionScene | None) -> Motion | PlanRefusal:
     """Choose joints and segments; without a scene, collisions are ignored."""
     from pbd.arm.choose_motion import choose_motion
     from pbd.arm.collision.motion_check import refuse_home
@@ -114,11 +114,11 @@ def solve_keyframes(
     from pbd.arm.ik.partial_pose import held_poses
     from pbd.arm.motion_request import Motion
 
-    def solved(task: Task) -> Motion | Refusal:
+    def solved(task: PlanningTask) -> Motion | Refusal:
         return choose_motion(task.arm, task.request, None)
 
     straight = replace(options, path="keyframes", tolerance_m=None)
-    task = Task(tuple(keyframes), calibration, robot, hand_path, None, straight)
+    task = PlanningTask(tuple(keyframes), calibration, robot, hand_path, None, straight)
     found = solved(task)
     if not isinstance(found, Motion):
         advice = undo_advice(task, found.error, lambda without: isinstance(solved(without), Motion))

@@ -20,7 +20,7 @@ from pbd.planning.object_frames import ThingPlace, keyframes_of_things, nearest_
 from pbd.planning.options import PlanOptions, dwells, hand_durations
 from pbd.planning.preconditions import warn_of_wide_moves
 from pbd.planning.result import Plan, find_stretched, find_touching
-from pbd.planning.task import Task
+from pbd.planning.task import PlanningTask
 from pbd.planning.torque import check_payload, check_torque
 from pbd.planning.undo_advice import undo_advice
 from pbd.pose import Array
@@ -120,6 +120,8 @@ def plan_keyframes(
     Args:
         keyframes: in the order of their times, which must increase.
         calibration: where the demonstration lies in the robot's base, and the table and obstacles.
+        robot: what `pbd.load_robot` returns.
+        options: as for `plan`.
         hand_path: the hand's path between the keyframes; None: unknown.
         grasped: the object that the grip closes on; None: none is known.
     """
@@ -137,7 +139,9 @@ def plan_keyframes(
             "demo.toml or grip in keyframes.toml"
         )
         grasped = None
-    task = Task(tuple(keyframes), with_table(calibration, robot), robot, hand_path, grasped, options or PlanOptions())
+    task = PlanningTask(
+        tuple(keyframes), with_table(calibration, robot), robot, hand_path, grasped, options or PlanOptions()
+    )
     found = plan_task(task)
     if isinstance(found, Plan):
         return found
@@ -152,11 +156,11 @@ def plan_keyframes(
 
 def can_plan(plan: Plan, options: PlanOptions) -> bool:
     """Whether joints and segments for the same keyframes exist with other options; nothing is timed or audited."""
-    task = Task(plan.keyframes, plan.calibration, plan.robot, plan.hand_path, plan.grasped, options)
+    task = PlanningTask(plan.keyframes, plan.calibration, plan.robot, plan.hand_path, plan.grasped, options)
     return _works(task, choose_joints)
 
 
-def _suggest_place(task: Task, error: PbdError) -> list[str]:
+def _suggest_place(task: PlanningTask, error: PbdError) -> list[str]:
     """Suggest a place that works for the thing to which the keyframe of the error belongs."""
     number, options = error.fields.get("keyframe"), task.options
     of = task.keyframes[number].frames if isinstance(number, int) else ()
@@ -165,7 +169,7 @@ def _suggest_place(task: Task, error: PbdError) -> list[str]:
         return []
     others = [each for each in options.at if each is not wanted]
 
-    def with_things_at(*places: ThingPlace) -> Task:
+    def with_things_at(*places: ThingPlace) -> PlanningTask:
         return replace(task, options=replace(options, at=(*others, *places)))
 
     p_shown = with_things_at().T_base_tool[keyframes_of_things(task.keyframes)[wanted.name][0]].p
@@ -173,7 +177,7 @@ def _suggest_place(task: Task, error: PbdError) -> list[str]:
     return [] if found is None else [f"put the {wanted.name} nearer to where it was shown (--at {found} works)"]
 
 
-def plan_task(task: Task) -> Plan | PlanRefusal:
+def plan_task(task: PlanningTask) -> Plan | PlanRefusal:
     """Plan as `plan_keyframes` does, without trying other options after a refusal."""
     from pbd.arm.ik.partial_pose import held_poses
     from pbd.arm.timing.time_moves import time_moves
@@ -238,8 +242,11 @@ def plan_task(task: Task) -> Plan | PlanRefusal:
     )
 
 
-def _moves(task: Task, chosen: Motion, durations_s: Sequence[float]) -> tuple[list[Move], Move | None]:
-    """Make the moves of the segments, which time_moves.py times, and the retreat or None; durations of the hand."""
+def _moves(task: PlanningTask, chosen: Motion, durations_s: Sequence[float]) -> tuple[list[Move], Move | None]:
+    """Make the moves of the segments, which time_moves.py times, and the retreat or None.
+
+    `durations_s`: the hand's, from each keyframe to the next.
+    """
     from pbd.arm.ik.cartesian import keep_on_path, line
     from pbd.arm.motion_request import DEMO, LINE
     from pbd.arm.timing.time_moves import APPROACH_SPEED, Move
@@ -255,7 +262,7 @@ def _moves(task: Task, chosen: Motion, durations_s: Sequence[float]) -> tuple[li
     return moves, None if retreat is None else Move(retreat.q, retreat.curved, share=APPROACH_SPEED)
 
 
-def _works(task: Task, attempt: Callable[[Task], object] = plan_task) -> bool:
+def _works(task: PlanningTask, attempt: Callable[[PlanningTask], object] = plan_task) -> bool:
     with collected_warnings():  # they concern a plan that nobody sees
         try:
             return not isinstance(attempt(task), PlanRefusal)

@@ -22,8 +22,7 @@ if TYPE_CHECKING:
 NEAR_M, NEAR_RAD = 1e-3, np.radians(1.0)
 """Keyframes that are all within this distance and rotation of the first make no motion."""
 
-
-OFF_X = float(np.cos(np.radians(45.0)))
+OFF_X_COS = float(np.cos(np.radians(45.0)))
 """Cosine of the largest angle, 45 degrees, between the tool's x and the way the jaws open. The bundled arms' swinging
 jaws open up to 12 degrees off it."""
 
@@ -107,7 +106,7 @@ def warn_of_frames(arm: ArmModel) -> None:
     if jaw_gap(arm, 0.0) > jaw_gap(arm, 1.0) + STILL_M:
         warn(f"the jaws of {name} are farther apart when closed than when open: exchange open and closed in [gripper]")
     along = opening_direction(arm)
-    if along is not None and abs(along[0]) < OFF_X:
+    if along is not None and abs(along[0]) < OFF_X_COS:
         axis = "xyz"[int(np.abs(along).argmax())]
         warn(
             f"the jaws of {name} open along the tool's {axis}, not its x: correct T_body_tool, so that its z "

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from pbd.arm.motion_request import Segment
     from pbd.audit.audit import AuditReport
 
-STRETCHED = 1.02
+STRETCHED_RATIO = 1.02
 """Ratio to the hand's time above which a move counts as stretched."""
 STRETCHED_S = 0.02
 """Excess over the hand's time, s, that a stretched move must also have."""
@@ -46,10 +46,14 @@ class Plan:
     """A motion that has passed the audit, and the data from which it was made.
 
     Attributes:
+        keyframes, calibration, robot, grasped, options: as `plan_keyframes` was given them.
         hand_path: the hand's path between the keyframes; None: unknown.
-        T_base_tool: the tool's demonstrated pose at each keyframe.
+        T_base_nav: nav's pose in base.
+        T_base_tool: the tool's required pose at each keyframe.
         off_rad: (n, 2) errors of an arm with too few joints: of the approach axis, and of the rotation about it.
         segments: the moves to the keyframes.
+        trajectory: the motion.
+        report: the results of the audit.
         stretched: with time "demo", moves that take longer than the hand did.
         touching: the contacts of the motion, if they were allowed; None: there are none.
         retreat: the move home at the end; None: there is none.
@@ -140,7 +144,7 @@ def find_stretched(took_s: Array, durations_s: Sequence[float]) -> tuple[Stretch
     found = [
         Stretch(i, hand_s, arm_s)
         for i, (hand_s, arm_s) in enumerate(both, start=1)
-        if arm_s > max(STRETCHED * hand_s, hand_s + STRETCHED_S)
+        if arm_s > max(STRETCHED_RATIO * hand_s, hand_s + STRETCHED_S)
     ]
     if found:
         moves = [

@@ -18,14 +18,16 @@ from pbd.planning.choose_joints import PlanRefusal
 from pbd.planning.options import PlanOptions
 from pbd.planning.plan import plan_task
 from pbd.planning.result import Plan
-from pbd.planning.task import Task, arm_of
+from pbd.planning.task import PlanningTask, arm_of
 from pbd.pose import Array, Pose, quat_about_z, quat_rotate
 
 if TYPE_CHECKING:
     from pbd.arm.model import ArmModel
 
 Range = tuple[float, float]
+"""Smallest and largest height of the table, m."""
 SAMPLES = 20_000
+"""Number of random configurations whose tool poses are sampled."""
 POINTS_DOWN_COS = float(np.cos(np.radians(20.0)))
 """Cosine of the largest angle, 20 degrees, between straight down and the approach of a tool that points down."""
 SCALES = (1.0, 0.7, 0.5, 0.35, 0.25)
@@ -40,6 +42,7 @@ NEAR_M = 0.1
 TABLE_STEP_M = 0.01
 """Precision of the largest height of a table, m: that of the positions of docks."""
 YAWS_DEG = (0.0, -90.0, 90.0, 180.0)
+"""Yaws of the dock in base that are tried, degrees."""
 AZIMUTH_COST = 0.2
 """Cost of a dock beside or behind the base's x axis, rad of joint travel per rad."""
 OFTEN_SHARE = 0.5
@@ -75,7 +78,7 @@ class Suggestion:
     touching: dict[tuple[str, str], int]
 
 
-def suggest(
+def suggest_home_and_dock(
     robot: Robot,
     keyframes: Sequence[Keyframe],
     grasped: GraspedObject | None,
@@ -107,13 +110,16 @@ def suggest(
     why += ", or take a demonstration that tilts the tool less (--for)" if is_partial(arm) else ""
     why += f"; the tool can point down at heights from {z_down.min():.2f} to {z_down.max():.2f} m"
     possible: dict[tuple[Range, float], Iterator[Calibration]] = {}
-    for within, scale, places in _search_order(tables, z_down, lowest):
+    for within, scale, count in _search_order(tables, z_down, lowest):
         further = _possible_docks(arm, (p, R), keyframes, within, scale)
-        docks = list(islice(possible.setdefault((within, scale), further), places))
+        docks = list(islice(possible.setdefault((within, scale), further), count))
         reachable = _rank(arm, docks, keyframes)
         if docks:
             tell(f"{len(reachable)} of {len(docks)} docks have all keyframes within reach at {scale:g} of the size")
-        best = [Task(tuple(keyframes), dock, robot, None, grasped, PlanOptions()) for dock in reachable[:DOCKS_PLANNED]]
+        best = [
+            PlanningTask(tuple(keyframes), dock, robot, None, grasped, PlanOptions())
+            for dock in reachable[:DOCKS_PLANNED]
+        ]
         planned, refusals = _plan_each(best)
         if refusals and not planned and not touching and (touching := _often_touching(arm)):
             robot = replace(robot, may_touch=(*robot.may_touch, *touching))
@@ -145,7 +151,7 @@ def _often_touching(arm: ArmModel) -> dict[tuple[str, str], int]:
     return often
 
 
-def _plan_each(tasks: Sequence[Task]) -> tuple[list[tuple[Plan, list[str]]], list[str]]:
+def _plan_each(tasks: Sequence[PlanningTask]) -> tuple[list[tuple[Plan, list[str]]], list[str]]:
     """Plan at each dock; return the plans that worked, with their warnings, and why the others failed."""
     tried = list(map(_plan_at_dock, tasks))
     return [each for each in tried if isinstance(each, tuple)], [each for each in tried if isinstance(each, str)]
@@ -177,7 +183,11 @@ def _highest_table(arm: ArmModel, z: Array) -> float:
 
 
 def _search_order(tables: Range, z_down: Array, lowest: float) -> Iterator[tuple[Range, float, int]]:
-    """Yield the range of the table's height, m, the scale, and the number of further docks, in the order of trial."""
+    """Yield the range of the table's height, the scale, and the number of further docks, in the order of trial.
+
+    `tables`: the range that is allowed; `z_down`: heights, m, at which the tool points down; `lowest`: how far the
+    lowest keyframe is below the first, m.
+    """
     on_table, free = (0.0, 0.0), tables[0] < 0.0 <= tables[1]
     # If the tool, pointing down, usually reaches the height of things on a table at z = 0, try that table first.
     low, high = np.quantile(z_down, (0.1, 0.9))
@@ -254,7 +264,7 @@ def _solve_all(arm: ArmModel, poses: Sequence[Pose]) -> Array | None:
     return np.array(found)
 
 
-def _plan_at_dock(task: Task) -> tuple[Plan, list[str]] | str:
+def _plan_at_dock(task: PlanningTask) -> tuple[Plan, list[str]] | str:
     """Return the plan from the first home that works, and its warnings; or why the task can't be planned."""
     why = "the place over the dock is out of reach; correct base or T_body_tool"
     for home in _homes(task):
@@ -269,7 +279,7 @@ def _plan_at_dock(task: Task) -> tuple[Plan, list[str]] | str:
     return why
 
 
-def _homes(task: Task) -> list[Array]:
+def _homes(task: PlanningTask) -> list[Array]:
     """Return joints (k,) with the tool over the first keyframe, least cost first; free ones if there are any."""
     from pbd.arm.ik.branches import configuration_cost, find_branches, turn_toward
 

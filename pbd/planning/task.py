@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False)
-class Task:
+class PlanningTask:
     """The arguments of `plan_keyframes`, and what follows from them, each computed when it is first needed.
 
     `no_free_motion`: it is known that there is none, so with `allow_collision` it is not searched for again.

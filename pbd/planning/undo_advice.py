@@ -10,10 +10,10 @@ from pbd.data import Demonstration
 from pbd.errors import PbdError
 from pbd.files.demo import shell_word
 from pbd.files.keyframes import KEYFRAMES_FILE
-from pbd.planning.task import Task
+from pbd.planning.task import PlanningTask
 
 
-def undo_advice(task: Task, error: PbdError, works: Callable[[Task], bool]) -> list[str]:
+def undo_advice(task: PlanningTask, error: PbdError, works: Callable[[PlanningTask], bool]) -> list[str]:
     """Return how to undo the touch-ups, or else the nudges, that moved the keyframe of the error, if that helps.
 
     `works`: whether a task can be done; it is called with the task without its touch-ups, or its nudges.
@@ -30,7 +30,7 @@ def undo_advice(task: Task, error: PbdError, works: Callable[[Task], bool]) -> l
     return []
 
 
-def _uncorrected(task: Task, demo: Demonstration, folder: Path) -> Iterator[tuple[Task, str, str]]:
+def _uncorrected(task: PlanningTask, demo: Demonstration, folder: Path) -> Iterator[tuple[PlanningTask, str, str]]:
     """Yield the task without its touch-ups, and without its nudges; each with what is to be undone, and how."""
     path = task.hand_path
     count = sum(not each.undone for each in demo.touch_ups)

@@ -29,7 +29,7 @@ from pbd.planning.suggest_dock import (
     _solve_all,
     _tool_poses_at,
 )
-from pbd.planning.task import Task
+from pbd.planning.task import PlanningTask
 from pbd.pose import Pose, quat_exp, quat_multiply, quat_rotate
 from pbd.view.units import Units
 from tests.arm.bundled import keyframes_of
@@ -109,7 +109,7 @@ def test_tables_are_tried_at_zero_first_where_the_arm_reaches_it_and_then_anywhe
 def test_a_dock_out_of_reach_is_said_to_be() -> None:
     panda = arm_of(read_robot(ROOT / "robots" / "panda.toml")).robot
     far = Calibration("far", Pose.from_rpy((3.0, 0.0, 0.5), (0.0, 0.0, 0.0)), robots=("panda",))
-    said = _plan_at_dock(Task(keyframes_of("paper-test2"), far, panda, None, None, PlanOptions()))
+    said = _plan_at_dock(PlanningTask(keyframes_of("paper-test2"), far, panda, None, None, PlanOptions()))
     assert said == "the place over the dock is out of reach; correct base or T_body_tool"
 
 
@@ -200,7 +200,7 @@ def test_each_dock_is_planned_once_and_no_other_options_are(
     """Advice on a trial that nobody sees took most of a hopeless search's time."""
     docks = []
 
-    def refuse(task: Task) -> PlanRefusal:
+    def refuse(task: PlanningTask) -> PlanRefusal:
         assert task.calibration.T_base_dock is not None
         docks.append((task.calibration.scale, *task.calibration.T_base_dock.p, *task.robot.home))
         return PlanRefusal(PlanError("it is in the way"), (("use another option", task.options),))
