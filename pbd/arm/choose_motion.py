@@ -37,8 +37,8 @@ from pbd.pose import Array
 
 MEND_AFTER_STRAIGHT, MEND_AFTER_ONLY_STRAIGHT = 12, 36
 """Number of barred straight moves after which a link is mended: the first if detours are allowed, else the second."""
-WINDOW, KEPT = 64, 32
-"""Layers in one search window; of these, the last KEPT layers are searched again in the next window."""
+WINDOW, OVERLAP = 64, 32
+"""Number of layers in one search window; of these, the last OVERLAP are searched again in the next window."""
 
 
 def choose_motion(arm: ArmModel, request: MotionRequest, scene: CollisionScene | None) -> Motion | Refusal:
@@ -98,7 +98,7 @@ class _Search(Mending):
 
     def _advance(self, path: Sequence[int]) -> None:
         """Move the window; it begins at a keyframe, so that no move is partly final and partly open to remedies."""
-        before, kept = self.ladder.first, self.ladder.end - KEPT
+        before, kept = self.ladder.first, self.ladder.end - OVERLAP
         first = next((place for place in range(kept, before, -1) if self.links[place - 1].at_keyframe), before)
         self.ladder.advance(path, first, kept + WINDOW)
 
@@ -186,14 +186,14 @@ class _Search(Mending):
         return False
 
     def _try_other(self, place: int, move: MoveState, deviation: ToolDeviation) -> bool:
-        """Try another path instead of a wide move: first a line, or the hand's path, then a detour; return whether.
+        """Try another path instead of a wide move: a line or the hand's path, then a detour; return whether one is.
 
         A detour can be shorter only if something was in the way of other straight moves.
         """
         i = self.links[place - 1].keyframe
         kind, around = LINE, move.wide is not None
         if not around and self.tool_hit(i, line(*self.request.T_base_tool[i - 1 : i + 1])) is not None:
-            kind, around = DEMO, self.request.hand is None
+            kind, around = DEMO, self.request.hand_paths is None
         move.wide, move.tried_around = deviation, around
         if around and not (STRAIGHT in move.hits and "detour" in move.remedies):
             return False
@@ -257,9 +257,9 @@ class _Search(Mending):
         if self.scene is None:
             return None
         ends, move = self.request.T_base_tool[i - 1 : i + 1], self.moves[i]
-        hand = self.request.hand
+        hand = self.request.hand_paths
         q_start = self.ladder.layers[self.places_of(i)[0] - 1].q[0]
-        alone = MotionRequest(ends, q_start, False, kind=move.kind, hand=hand and (lambda: hand()[i - 1 : i]))
+        alone = MotionRequest(ends, q_start, False, kind=move.kind, hand_paths=hand and (lambda: hand()[i - 1 : i]))
         found = choose_motion(self.arm, alone, None)
         if not isinstance(found, Motion):
             return None

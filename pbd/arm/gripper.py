@@ -17,6 +17,7 @@ from pbd.data.world import THE_TOOL
 from pbd.pose import Array, Pose, quat_from_xyzw
 
 ROD_RADIUS_M = 0.01
+"""Radius of the rod, m (assumed)."""
 
 ROD_SHORT_M = 0.005
 """Gap between the end of the rod and the tool's origin, m, since the origin may come down to the table."""
@@ -25,7 +26,8 @@ LEAST_GAP_M = 0.02
 """The rod is added if all links end farther behind the tool's origin than this, m."""
 
 AJAR = 0.1
-"""Opening at which the jaws' direction is measured, 0 closed to 1 open: far enough for rounding errors not to count."""
+"""Opening, 0 closed to 1 open, at which the direction of the jaws is measured: wide enough for rounding errors not to
+count."""
 
 STILL_M = 1e-6
 """Motion, m, of the tool's origin with a finger, or of a finger away from it, below which the finger does not open."""

@@ -21,11 +21,12 @@ from pbd.pose import Array, Pose
 
 ENOUGH_DETOURS, OTHER_DETOUR_COST = 1, 100.0
 """After ENOUGH_DETOURS detours on a link, a further one costs OTHER_DETOUR_COST rad extra, to come last."""
-CHECKS, CHECKS_EACH, CHECKS_CLOSE = 6000, 1000, 0.5
-"""Collision checks for all detours of a motion: CHECKS, plus CHECKS_EACH per keyframe; with the smaller margin CLOSE_M,
-CHECKS_CLOSE times that sum."""
+DETOUR_CHECKS, DETOUR_CHECKS_PER_KEYFRAME, CLOSE_CHECKS_SHARE = 6000, 1000, 0.5
+"""Collision checks for all detours of a motion: DETOUR_CHECKS, and DETOUR_CHECKS_PER_KEYFRAME for each keyframe. With
+the smaller margin CLOSE_M, only this share of the sum."""
 WIDE_COST, MOST_WIDE = 2.0 * np.pi, 400
-"""Cost of a wide move, rad of joint travel; number of wide moves between two keyframes after which none is measured."""
+"""Cost of a wide move, rad of joint travel; number of wide moves between two keyframes after which none is measured
+any more."""
 APPROACH_M = 0.08, 0.16
 """Distances of a via point before keyframe 0, m, along the tool's approach axis.
 
@@ -87,7 +88,9 @@ class LinkChecks:
             MoveState(STRAIGHT, remedies_of(request, i, may_detour=may_detour)) for i in range(len(self.links))
         ]
         close = scene is not None and scene.margin_m < MARGIN_M
-        self.checks_left = int((CHECKS_CLOSE if close else 1.0) * (CHECKS + self.n * CHECKS_EACH))
+        self.checks_left = int(
+            (CLOSE_CHECKS_SHARE if close else 1.0) * (DETOUR_CHECKS + self.n * DETOUR_CHECKS_PER_KEYFRAME)
+        )
         self.detours: dict[GraspState, list[Array]] = {}
 
     def at(self, place: int) -> tuple[Link, MoveState]:

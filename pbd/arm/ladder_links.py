@@ -92,5 +92,5 @@ def remedies_of(request: MotionRequest, i: int, *, may_detour: bool) -> list[str
     if not may_detour or request.tolerance_m is not None:
         return ["follow", "widen", "split"]
     # A line is optional, so it gets fewer remedies.
-    path = ["follow", "widen", "split"] if request.hand else ["follow"]
+    path = ["follow", "widen", "split"] if request.hand_paths else ["follow"]
     return [*path, "detour", "connect"]

@@ -30,7 +30,7 @@ class Mending(LinkChecks):
         """Let the tool follow one path to a layer: the hand's if it is known and `kind` is not LINE, else a line."""
         link = self.links[place - 1]
         i, T_base_tool = link.keyframe, self.request.T_base_tool
-        hand = self.request.hand if kind != LINE else None
+        hand = self.request.hand_paths if kind != LINE else None
         self.moves[i].kind = DEMO if hand else LINE
         link.poses = tuple(hand()[i - 1]) if hand else line(T_base_tool[i - 1], T_base_tool[i])
         self.ladder.reset_moves(place, MEND_AFTER_PATHS, costly=True)

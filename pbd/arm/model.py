@@ -45,12 +45,14 @@ class ArmModel:
     """An arm's forward kinematics. Not safe to share between threads: pinocchio computes in `data`.
 
     Attributes:
+        robot: the robot.
         full: pinocchio's model of the entire URDF, for the viewer and for collision checks.
         axes: joint of `full` -> its axis (3,) in its own frame, and whether it is prismatic.
         drives: driven joint of `full` -> its column of x, slope, at_zero; the joint's value is at_zero + slope * x.
         model, data: pinocchio's model of the arm's joints alone, and its buffers.
         configuration: converts joints (k,) to pinocchio's configuration of `model`.
-        tool_id: the tool's frame in `model`.
+        tool_id: index of the tool's frame in `model`.
+        steps: the fixed transforms and joints from base to tool, for `forward_many`.
         tool_joint, T_joint_tool: the joint of `full` that carries the tool, and the tool's pose on it.
         turns: (k,) 1 for a revolute joint, whose whole turns change no pose; 0 for a prismatic joint.
         travel_scale: (k,) rad of joint travel per unit of a joint: 1 for a revolute joint; for a prismatic joint the
@@ -164,8 +166,8 @@ class ArmModel:
         ).reshape(6, -1)  # for an arm of one joint, pinocchio returns a vector
         return J
 
-    def tool(self, q: Array) -> tuple[Array, Array, Array]:
-        """Return the tool's position (3,), rotation (3, 3) and Jacobian (6, k) in base at q (k,), for fast IK.
+    def tool_with_jacobian(self, q: Array) -> tuple[Array, Array, Array]:
+        """Return the tool's position (3,) m, rotation (3, 3) and Jacobian (6, k), all in base, at q (k,), for fast IK.
 
         Position and rotation are views of pinocchio's buffers: the next call overwrites them.
         """

@@ -22,7 +22,7 @@ class MotionRequest:
         approach: the motion begins at q_start; else at keyframe 0.
         q_retreat: (k,) rad, where the arm retreats to after the last keyframe; None: it stays there.
         kind: kind of the moves between keyframes: STRAIGHT, LINE or DEMO.
-        hand: function that returns the n - 1 demonstrated paths of the tool; None if they are unknown.
+        hand_paths: function that returns the n - 1 demonstrated paths of the tool; None if they are unknown.
         tolerance_m: a straight move on which the tool leaves the straight line by more becomes a LINE. Without a
             tolerance, a wide move (see tool_deviation.py) does if possible.
         detour: search for a DETOUR if nothing else is free; between keyframes only if `kind` is STRAIGHT and there is
@@ -36,7 +36,7 @@ class MotionRequest:
     approach: bool = True
     q_retreat: Array | None = None
     kind: str = STRAIGHT
-    hand: Callable[[], Sequence[Sequence[Pose]]] | None = None
+    hand_paths: Callable[[], Sequence[Sequence[Pose]]] | None = None
     tolerance_m: float | None = None
     detour: bool = True
     grips: Sequence[bool | None] = ()

@@ -8,12 +8,12 @@ import numpy as np
 from pbd.arm.model import ArmModel, FloatArray
 from pbd.pose import Array
 
-TURN_RAD = math.radians(30.0)
-"""A move is wide if it rotates the tool by this much more than the direct rotation."""
-STRAY_M, STRAY_SHARE = 0.1, 0.25
-"""A move is wide if the tool leaves the straight line by more than STRAY_M plus STRAY_SHARE of the line's length."""
+WIDE_TURN_RAD = math.radians(30.0)
+"""A move is wide if it rotates the tool by this much more than the direct rotation, rad."""
+WIDE_STRAY_M, WIDE_STRAY_SHARE = 0.1, 0.25
+"""A move is wide if the tool leaves the straight line by more than this distance, m, plus this share of the line."""
 
-_SAMPLES = 33
+_SAMPLES = 33  # configurations along a move at which the tool is measured, both ends included
 
 
 @dataclass(frozen=True)
@@ -35,12 +35,12 @@ class ToolDeviation:
     @property
     def turns(self) -> bool:
         """Whether the tool rotates much more than needed."""
-        return self.turn_rad > self.direct_rad + TURN_RAD
+        return self.turn_rad > self.direct_rad + WIDE_TURN_RAD
 
     @property
     def wide(self) -> bool:
         """Whether the tool rotates, or leaves the line, much more than needed."""
-        return self.turns or self.off_line_m > STRAY_M + STRAY_SHARE * self.line_m
+        return self.turns or self.off_line_m > WIDE_STRAY_M + WIDE_STRAY_SHARE * self.line_m
 
     def __str__(self) -> str:
         if self.turns:

@@ -119,14 +119,14 @@ def test_a_barred_move_is_avoided_by_another_configuration() -> None:
     ARM.forward(0.5 * (free.q[0] + free.q[1]))
     elbow = ARM.data.oMi[4].translation - T_HOME.p
     motion = chosen(
-        (LEFT, RIGHT), [ball(elbow[0], elbow[1] + 0.1, elbow[2], 0.05)], approach=False, hand=lambda: [OVER]
+        (LEFT, RIGHT), [ball(elbow[0], elbow[1] + 0.1, elbow[2], 0.05)], approach=False, hand_paths=lambda: [OVER]
     )
     assert kinds(motion) == [STRAIGHT, STRAIGHT]
     assert np.abs(motion.q - free.q).max() > 0.05
 
 
 def test_the_hands_path_leads_over_a_wall() -> None:
-    motion = chosen((LEFT, RIGHT), WALL, approach=False, hand=lambda: [OVER])
+    motion = chosen((LEFT, RIGHT), WALL, approach=False, hand_paths=lambda: [OVER])
     assert kinds(motion) == [STRAIGHT, DEMO]
     avoided = known(motion.segments[1].avoided)
     assert avoided.second == "the wall"
@@ -139,14 +139,14 @@ def test_only_barred_moves_are_mended() -> None:
     poses = (LEFT, beside[0], RIGHT, beside[1], LEFT, beside[0], RIGHT)
     paths = [over(a, moved(y=a.p[1] - T_HOME.p[1], z=0.2), moved(y=b.p[1] - T_HOME.p[1], z=0.2), b)
              for a, b in pairwise(poses)]  # fmt: skip
-    motion = chosen(poses, WALL, approach=False, hand=lambda: paths)
+    motion = chosen(poses, WALL, approach=False, hand_paths=lambda: paths)
     assert kinds(motion) == [STRAIGHT, STRAIGHT, DEMO, STRAIGHT, DEMO, STRAIGHT, DEMO]
 
 
 def test_the_checks_for_each_keyframe_do_not_grow_with_their_number(monkeypatch: pytest.MonkeyPatch) -> None:
     """With several windows of the ladder; collision checks are counted."""
     monkeypatch.setattr(motion_module, "WINDOW", 12)
-    monkeypatch.setattr(motion_module, "KEPT", 4)
+    monkeypatch.setattr(motion_module, "OVERLAP", 4)
     counted, is_free = list[GraspState](), CollisionScene.is_free
 
     def count(self: CollisionScene, q: Array, grasp: GraspState) -> bool:
@@ -174,7 +174,7 @@ def test_a_window_is_released_where_what_is_final_bars_the_rest(monkeypatch: pyt
 
     monkeypatch.setattr(Ladder, "release", count)
     monkeypatch.setattr(motion_module, "WINDOW", 4)
-    monkeypatch.setattr(motion_module, "KEPT", 2)
+    monkeypatch.setattr(motion_module, "OVERLAP", 2)
     rng, q, poses = np.random.default_rng(20), HOME, list[Pose]()
     for _ in range(6):
         q = np.clip(q + rng.normal(0.0, 0.5, len(q)), ARM.limits.lower + 0.05, ARM.limits.upper - 0.05)
@@ -212,7 +212,7 @@ def test_a_path_on_which_the_tool_touches_is_not_followed(around: tuple[Motion, 
 
 
 def test_a_refusal_names_all_paths_that_were_tried() -> None:
-    refusal = refused((LEFT, RIGHT), PLATE, approach=False, hand=lambda: [LOWER], detour=False)
+    refusal = refused((LEFT, RIGHT), PLATE, approach=False, hand_paths=lambda: [LOWER], detour=False)
     message, fields = refusal.error.message, refusal.error.fields
     assert refusal.why == COLLISION
     start, _, told = message.partition(" pairs of arm poses. ")
@@ -327,8 +327,8 @@ def test_once_a_remedy_changed_the_number_of_layers_the_others_wait_for_the_next
 
 
 def test_a_refusal_gives_the_number_of_checks_of_detours(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(ladder_checks, "CHECKS", 50)
-    monkeypatch.setattr(ladder_checks, "CHECKS_EACH", 0)
+    monkeypatch.setattr(ladder_checks, "DETOUR_CHECKS", 50)
+    monkeypatch.setattr(ladder_checks, "DETOUR_CHECKS_PER_KEYFRAME", 0)
     message = refused((LEFT, RIGHT), PLATE, approach=False).error.message
     checks = int(message.partition(" pairs of arm poses, and no detour found in ")[2].split(" checks. Straight")[0])
     assert 50 <= checks < 60
@@ -441,7 +441,7 @@ def test_a_detour_from_home_and_back(end: str) -> None:
 
 @pytest.mark.parametrize("kind", [LINE, DEMO])
 def test_a_requested_path_is_not_replaced(kind: str) -> None:
-    message = refused((LEFT, RIGHT), PLATE, approach=False, kind=kind, hand=lambda: [LOWER]).error.message
+    message = refused((LEFT, RIGHT), PLATE, approach=False, kind=kind, hand_paths=lambda: [LOWER]).error.message
     assert "motion from keyframe 0 to keyframe 1 among " in message
     assert " would touch the plate" in message
     assert "Straight in joint space" not in message
@@ -562,7 +562,7 @@ def test_a_path_is_split_if_no_pair_of_configurations_at_its_ends_works(monkeypa
 @pytest.mark.parametrize("kind", [LINE, DEMO])
 def test_a_path_that_no_configuration_follows_is_named_with_what_it_would_touch(kind: str) -> None:
     """If every way along it was barred before the whole was checked, the arm follows it as if nothing stood there."""
-    request = MotionRequest((LEFT, RIGHT), HOME, kind=kind, hand=lambda: [LOWER])
+    request = MotionRequest((LEFT, RIGHT), HOME, kind=kind, hand_paths=lambda: [LOWER])
     for obstacles, touched in ((PLATE, "the plate"), ([], None)):
         ladder = build_ladder(ARM, request.T_base_tool, HOME, None, 12, 0.0)
         assert isinstance(ladder, Ladder)

@@ -4,7 +4,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pbd.arm.ik.branches import AT_LIMIT, SINGULAR, configuration_cost, turn_toward
+from pbd.arm.ik.branches import AT_LIMIT_COST, SINGULAR_COST, configuration_cost, turn_toward
 from pbd.arm.ik.solver import ik_result
 from pbd.arm.ladder_building import add_turns, build_ladder, joints_to_unwind, turn_variants
 from pbd.arm.model import ArmModel, load_model, to_se3
@@ -217,7 +217,7 @@ def test_it_stays_away_from_limits_and_singularities() -> None:
         costs.append(configuration_cost(arm, np.array([wrist, pan])))
     assert (np.diff(costs, axis=0) >= 0.0).all()
     assert (costs[2] > 0.0).all()
-    np.testing.assert_allclose(costs[-1], (SINGULAR, AT_LIMIT), atol=1e-6)
+    np.testing.assert_allclose(costs[-1], (SINGULAR_COST, AT_LIMIT_COST), atol=1e-6)
 
 
 def test_the_null_space_leads_away_from_limits(arm: ArmModel) -> None:

@@ -31,6 +31,7 @@ from pbd.pose import Array, Pose
 MARGIN_M, CLOSE_M = 2.5e-3, 5e-4
 """Clearance that bodies keep, m; and the smaller one that is tried if no motion keeps that."""
 STEP_M = 2.0 * MARGIN_M
+"""Largest motion of two bodies relative to each other between two nodes of a path, m."""
 CACHED = 2000
 """Number of coordinates whose distances are cached."""
 
@@ -38,6 +39,7 @@ Pairs = NDArray[np.int64]
 AllowedTouches = Mapping[int, Callable[[Pose], bool]]
 """Index of a pair that may touch at some places -> whether it may, with the tool at T_base_tool."""
 NONE_ALLOWED: AllowedTouches = MappingProxyType({})
+"""No pair may touch anywhere."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -139,7 +139,10 @@ def collision_error(scene: CollisionScene, trajectory: JointTrajectory, found: M
 
 
 def _keyframe(trajectory: JointTrajectory, start: float, end: float) -> tuple[int, bool]:
-    """Return the keyframe at which the arm is between start and end, s, and True; else the next one, and False."""
+    """Return the keyframe at which the arm stands at some time from `start` to `end`, s, and True.
+
+    If there is none, return the next keyframe, and False.
+    """
     times = trajectory.keyframe_t
     following = int(np.searchsorted(times, start))
     if following < len(times) and times[following] <= end:

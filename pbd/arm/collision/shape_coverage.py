@@ -16,7 +16,7 @@ from pbd.arm.model import ArmModel
 from pbd.errors import in_mm_or_cm
 from pbd.io.urdf import Shape, read_shapes
 
-SMALL = 0.5
+SMALL_SHARE = 0.5
 """A shape is doubtful if its size is below this share of its link's visual shape, or of the distance between its
 joints. The smallest shares of the bundled arms are 0.78 and 0.79."""
 
@@ -41,7 +41,7 @@ def doubtful_shapes(arm: ArmModel) -> dict[str, str]:
         drawn, hit = ([s for s in shapes if (s.link, s.element) == (link, each)] for each in ("visual", "collision"))
         if drawn and hit and [_solid(shape) for shape in drawn] != [_solid(shape) for shape in hit]:
             size, seen = _size(body for body in bodies if body.name == link), _size(bodies_of(arm, drawn))
-            if size < SMALL * seen:
+            if size < SMALL_SHARE * seen:
                 found[link] = f"has a collision shape of {in_mm_or_cm(size)}, but is drawn {in_mm_or_cm(seen)} large"
     return {link: found[link] for link in arm.links if link in found}
 
@@ -57,7 +57,7 @@ def _between_joints(arm: ArmModel, joint: int, own: list[Body]) -> str | None:
             needed = not all(arm.axes[i][1] for i in following)
         return "has no collision shape" if needed else None
     size = _size(own)
-    if joint == 0 or size >= SMALL * length:
+    if joint == 0 or size >= SMALL_SHARE * length:
         return None  # a base may be small and stand far from joint 1
     return f"has a collision shape of {in_mm_or_cm(size)}, but its joints are {in_mm_or_cm(length)} apart"
 

@@ -16,10 +16,10 @@ from pbd.pose import Array, Pose
 _dposv = lapack().dposv
 
 MARGIN_RAD = 0.1
-"""Distance of a joint from its limit, rad of joint travel, below which it has a cost."""
-AT_LIMIT = 0.3
+"""Distance of a joint from its limit, rad of joint travel, below which being near the limit has a cost."""
+AT_LIMIT_COST = 0.3
 """Cost of a joint at its limit, in rad of joint travel."""
-SINGULAR = 0.3
+SINGULAR_COST = 0.3
 """Cost of a singular configuration, in rad of joint travel."""
 
 EARLIER_PARTIAL = 2
@@ -43,6 +43,8 @@ def find_branches(arm: ArmModel, T_base_tool: Pose, before: Array, starts: int) 
     """Find different configurations (m, k) that reach a pose; (0, k) if even `solve` finds none.
 
     Args:
+        arm: the arm.
+        T_base_tool: the pose.
         before: (b, k) rad, where the arm may come from, the likeliest first.
         starts: number of descents: a third from `before`, the others from seeds near the pose, those nearest to
             `before` first. From each self-motion curve of a redundant arm, at most a third as many are taken.
@@ -97,7 +99,7 @@ def configuration_cost(arm: ArmModel, q: Array) -> Array:
     """Return the cost (m,) of being near limits and singularities at joints (m, k), in rad of joint travel."""
     near_limits = np.maximum(0.0, 1.0 - arm.travel_scale * arm.limit_margins(q) / MARGIN_RAD)
     singular = np.maximum(0.0, 1.0 - relative_manipulability(arm, q))
-    cost: Array = AT_LIMIT * (near_limits**2).sum(axis=1) + SINGULAR * singular**2
+    cost: Array = AT_LIMIT_COST * (near_limits**2).sum(axis=1) + SINGULAR_COST * singular**2
     return cost
 
 

@@ -20,6 +20,7 @@ _dposv = lapack().dposv
 SOLVED = 0.999e-5**2
 """Threshold of |e|^2: below it the tool is within 1e-5 m and 1e-5 rad. 0.999 allows for rounding."""
 MOST_STEPS = 100
+"""Largest number of steps of a descent."""
 MOST_TURN = 1.0
 """Largest motion of a joint in one step, rad or m."""
 DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-2, 1e-6, 1e4
@@ -48,6 +49,8 @@ def descend_each(
     """Descend from one seed after the other until one reaches the target.
 
     Args:
+        arm: the arm.
+        target: the tool's pose in base.
         q_seeds: (m, k) rad.
         patience: number of successive slow steps after which a seed is given up.
         all_seeds: descend from all seeds.
@@ -74,7 +77,7 @@ class Residual:
     """
 
     def __init__(self, arm: ArmModel, target: pin.SE3) -> None:
-        self.tool, self.p, self.R_inverse = arm.tool, target.translation.copy(), target.rotation.T.copy()
+        self.tool, self.p, self.R_inverse = arm.tool_with_jacobian, target.translation.copy(), target.rotation.T.copy()
 
     def __call__(self, q: Array) -> tuple[Array, Array]:
         """Return e (6,) and J (6, k) at joints (k,)."""
@@ -102,6 +105,8 @@ def descend(
 
     Args:
         residual: returns e (m,) and its Jacobian (m, k) at joints (k,).
+        limits: of the joints.
+        q_seed: (k,) rad; it is clipped to the limits.
         patience: number of successive slow steps after which the descent ends.
         steps: largest number of steps.
         solved: |e|^2 below which the descent ends.

@@ -39,9 +39,9 @@ NEAR_M, EXACT_M = 1e-5, 1e-9
 WARN_RAD = np.deg2rad(5.0)
 """Rotation error above which a warning is given, rad."""
 
-NEAREST, ANYWHERE = 8, 16
-"""Number of sampled starts near the pose, and anywhere."""
-AT_POSITION, EVERY = 32, 4
+NEAREST_STARTS, RANDOM_STARTS = 8, 16
+"""Number of sampled starts near the pose, and of others at random."""
+POSITION_STARTS, POSITION_STRIDE = 32, 4
 """If the position seems out of reach: number of samples near it, of which every fourth is tried, as neighbours are
 alike."""
 
@@ -87,13 +87,15 @@ def solve_partial(arm: ArmModel, goal: pin.SE3, q_seeds: Array) -> list[PartialP
     If not even the position can be met, return only the joints nearest to it.
     """
     samples = starts_of(arm)
-    starts = (q_seeds, samples.nearest(goal, NEAREST), samples.q[:ANYWHERE])
+    starts = (q_seeds, samples.nearest(goal, NEAREST_STARTS), samples.q[:RANDOM_STARTS])
     rough = _Residual(arm, goal, _ROUGH)
     ended = [descend(rough, arm.limits, q, steps=_ROUGH_STEPS) for q in np.vstack(starts)]
     kept = [*distinct(np.array([q for q, _ in sorted(ended, key=lambda end: end[1])]), _KEPT, _APART_RAD)]
     places = [measure(arm, goal, nearest_position(arm, goal, q)) for q in kept]
     if not any(place.reached for place in places):  # the weight of the rotation may have led away from the position
-        kept = [nearest_position(arm, goal, q) for q in samples.at(goal.translation, AT_POSITION)[::EVERY]]
+        kept = [
+            nearest_position(arm, goal, q) for q in samples.at(goal.translation, POSITION_STARTS)[::POSITION_STRIDE]
+        ]
         places += [measure(arm, goal, q) for q in kept]
         if not any(place.reached for place in places):
             return [min(places, key=lambda place: place.position_m)]
@@ -115,7 +117,7 @@ def nearest_position(arm: ArmModel, goal: pin.SE3, q_seed: Array) -> Array:
     p_goal = goal.translation
 
     def residual(q: Array) -> tuple[Array, Array]:
-        p, _, J = arm.tool(q)
+        p, _, J = arm.tool_with_jacobian(q)
         return p - p_goal, J[:3]
 
     q, _ = descend(residual, arm.limits, q_seed, solved=EXACT_M**2)
@@ -124,7 +126,7 @@ def nearest_position(arm: ArmModel, goal: pin.SE3, q_seed: Array) -> Array:
 
 def measure(arm: ArmModel, goal: pin.SE3, q: Array) -> PartialPose:
     """Measure the tool's error from a pose at joints q (k,)."""
-    p, R, _ = arm.tool(q)
+    p, R, _ = arm.tool_with_jacobian(q)
     off = goal.rotation.T @ R
     approach = np.arctan2(np.hypot(off[0, 2], off[1, 2]), off[2, 2])
     about = abs(np.arctan2(off[1, 0] - off[0, 1], off[0, 0] + off[1, 1]))
@@ -160,7 +162,7 @@ class _Residual:
     """The error (12,), m: position, then the differences of the weighted axes x, y and z; and its Jacobian (12, k)."""
 
     def __init__(self, arm: ArmModel, goal: pin.SE3, weight_m: float) -> None:
-        self.tool, self.p = arm.tool, goal.translation
+        self.tool, self.p = arm.tool_with_jacobian, goal.translation
         self.weights = weight_m * np.array([ABOUT_AXIS_WEIGHT, ABOUT_AXIS_WEIGHT, 1.0])
         self.axes = goal.rotation * self.weights
 

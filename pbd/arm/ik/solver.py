@@ -15,14 +15,14 @@ from pbd.arm.ik.starts import starts_of
 from pbd.arm.model import ArmModel, to_se3
 from pbd.pose import Array, Pose
 
-TOLERANCE_M = 1e-5
-TOLERANCE_RAD = 1e-5
+TOLERANCE_M, TOLERANCE_RAD = 1e-5, 1e-5
+"""Largest errors of the tool's position, m, and rotation, rad, at which a pose counts as reached."""
 
-NEAREST, NEAREST_PARTIAL = 24, 8
+NEAREST_STARTS, NEAREST_STARTS_PARTIAL = 24, 8
 """Number of samples near the pose that are tried first; and the same for an arm with too few joints."""
 NEAR_MISS, NEARLY_THERE = 0.2, 0.005
 """|e| (m, rad) of the best failed descent below which random restarts follow, few or many."""
-ANYWHERE, EVERYWHERE = 48, 400
+FEW_RESTARTS, MANY_RESTARTS = 48, 400
 """Number of random restarts below NEAR_MISS, and below NEARLY_THERE."""
 RESUMED = 3
 """Number of the best failed descents that are run to convergence."""
@@ -53,6 +53,8 @@ def solve(arm: ArmModel, T_base_tool: Pose, q_seed: Array | None = None) -> IkRe
     """Find joints for a tool pose; deterministic.
 
     Args:
+        arm: the arm.
+        T_base_tool: the pose.
         q_seed: (k,) rad, tried first.
 
     Returns:
@@ -62,15 +64,15 @@ def solve(arm: ArmModel, T_base_tool: Pose, q_seed: Array | None = None) -> IkRe
     goal, starts = to_se3(T_base_tool), starts_of(arm)
     seeds = np.empty((0, len(arm.limits.lower))) if q_seed is None else q_seed[None]
     if is_partial(arm):  # it may happen to reach the full pose
-        q, squares = descend_each(arm, goal, starts.nearest(goal, NEAREST_PARTIAL))
+        q, squares = descend_each(arm, goal, starts.nearest(goal, NEAREST_STARTS_PARTIAL))
         return ik_result(arm, goal, q[-1] if squares[-1] < SOLVED else solve_partial(arm, goal, seeds)[0].q)
-    q, squares = descend_each(arm, goal, np.vstack((seeds, starts.nearest(goal, NEAREST))))
+    q, squares = descend_each(arm, goal, np.vstack((seeds, starts.nearest(goal, NEAREST_STARTS))))
     # At the edge of the reach steps are small, so all descents may have been given up early: resume the best.
     for i in np.argsort(squares)[:RESUMED]:
         if squares.min() >= SOLVED:
             (q[i],), (squares[i],) = descend_each(arm, goal, q[i : i + 1], patience=NEVER_GIVE_UP)
     if SOLVED <= squares.min() < NEAR_MISS**2:
-        count = EVERYWHERE if squares.min() < NEARLY_THERE**2 else ANYWHERE
+        count = MANY_RESTARTS if squares.min() < NEARLY_THERE**2 else FEW_RESTARTS
         others, their_squares = descend_each(arm, goal, starts.q[:count])
         q, squares = np.vstack((q, others)), np.append(squares, their_squares)
     return ik_result(arm, goal, q[squares.argmin()])

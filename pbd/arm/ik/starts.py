@@ -112,7 +112,7 @@ def reach(arm: ArmModel) -> float:
     from scipy.optimize import Bounds, minimize  # loads slowly
 
     def minus_distance(q: Array) -> tuple[float, Array]:
-        p, _, J = arm.tool(q)
+        p, _, J = arm.tool_with_jacobian(q)
         distance = max(float(np.hypot(p[0], p[1])), _ON_AXIS_M)
         return -distance, -(p[:2] / distance) @ J[:2]
 

@@ -108,6 +108,7 @@ def curved_move(
 
     Args:
         waypoints: (n, k) rad, from the arm's present joints to those where it comes to rest.
+        limits: of the joints.
         factor: share of the velocity, acceleration and jerk limits.
         t: (n,) s, increasing: when the demonstration passed the waypoints; the arm is nowhere faster.
         deviation_share: share of OFF_RAD by which averaging may leave the curve.

@@ -87,6 +87,7 @@ def time_moves(
     for its stroke.
 
     Args:
+        arm: the arm, with its gripper.
         q_start: (k,) rad, the arm's present joints.
         moves: n, each to the next keyframe.
         dwells: (n,) s to stay at each keyframe.
@@ -145,6 +146,7 @@ def ptp_move(q_start: Array, q_end: Array, limits: JointLimits, factor: float) -
 
     Args:
         q_start, q_end: (k,) rad.
+        limits: of the joints.
         factor: share of the velocity, acceleration and jerk limits.
     """
     dq = q_end - q_start
