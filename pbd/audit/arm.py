@@ -82,8 +82,8 @@ class AuditArm:
         T_universe_tool = self.joint_poses(x)[self.tool_joint] * self.T_joint_tool
         return Pose.from_matrix((self.T_universe_base.inverse() * T_universe_tool).homogeneous)
 
-    def gears(self) -> Array:
-        """Return the velocity of each joint of the model per velocity of each of the arm's joints: (nv, k)."""
+    def drive_matrix(self) -> Array:
+        """Return the matrix (nv, k) that maps velocities of the arm's joints to those of all joints of the model."""
         k = len(self.robot.joints)
         gears = np.zeros((self.model.nv, k))
         for joint, (column, slope, _) in self._drives.items():
@@ -103,6 +103,7 @@ class AuditArm:
         """Bound how far each driven ancestor of `joint` moves a point: ancestor -> (k + 1,) m per unit of x.
 
         Args:
+            joint: index of the joint that carries the point.
             reach: m, largest distance of the point from the joint's origin.
         """
         bounds = {}

@@ -59,9 +59,11 @@ def audit(
     """Check a trajectory.
 
     Args:
+        trajectory: what the planner made.
         robot: its full limits are checked, even if the planner used a share of them.
         T_base_tool_keyframes: the tool's required poses at `trajectory.keyframe_t`.
         world: the calibration, with the obstacles, and the grasped object; None: contacts are allowed.
+        load: what the tool carries; it counts for the torques only.
 
     Raises:
         PlanError: a check fails; the fields are joint, keyframe, t (s), value, bound and bodies, as they apply.
@@ -85,6 +87,7 @@ def audit_received(path: JointTrajectory, robot: Robot, world: tuple[Calibration
 
     Args:
         path: the interpolated motion, whose pieces may meet at an angle. At `keyframe_t` it must be at `keyframe_q`.
+        robot: the arm.
         world: the calibration, with the obstacles, and the grasped object.
 
     Raises:

@@ -20,6 +20,7 @@ from pbd.data.world import THE_TOOL, ObjectPhase, gripped_spans, object_phases
 from pbd.pose import Pose
 
 ROD_RADIUS_M = 0.01
+"""Radius of the rod, m (assumed)."""
 
 ROD_SHORT_M = 0.005
 """Distance, m, from the end of the rod to the tool's point."""
@@ -30,7 +31,7 @@ ROD_GAP_M = 0.02
 NEAR_SUPPORT_M = 0.03
 """A held object may touch its support within this distance, m, of where it is gripped or let go."""
 
-UPRIGHT = float(np.cos(np.radians(45.0)))
+LEAST_NORMAL_UP = float(np.cos(np.radians(45.0)))
 """Smallest z of the normal of a surface on which an object can stand."""
 
 
@@ -77,13 +78,16 @@ def follow_object(
 
 
 def resting_contact(arm: AuditArm, phase: ObjectPhase, held: Solid, support: Solid) -> Callable[[Any], bool]:
-    """Return a function of T_universe_joint: may the held object touch a support? Only where it stands on it."""
+    """Return a function of T_universe_joint that says whether the held object may touch a support.
+
+    It may near the places where it was gripped or let go, if it stood on that support there.
+    """
     up = arm.T_universe_base.rotation[:, 2]
     places = []
     for rest in (arm.T_universe_base * se3(pose) for pose in phase.rests):
         distance, found = _distance(held.hull, support.T_joint_solid.inverse() * rest, support.hull)
         # coal's normal points from the object to the support.
-        if abs(distance) <= NEAR_SUPPORT_M and -(support.T_joint_solid.rotation @ found.normal) @ up >= UPRIGHT:
+        if abs(distance) <= NEAR_SUPPORT_M and -(support.T_joint_solid.rotation @ found.normal) @ up >= LEAST_NORMAL_UP:
             places.append(rest.translation)
 
     def allowed(T_universe_joint: Any) -> bool:

@@ -98,6 +98,7 @@ def simple_solid(name: str, joint: int, T_joint_solid: Any, shape: str, size: tu
     """Make a primitive shape of a size in m.
 
     Args:
+        name, joint, T_joint_solid: as in `Solid`.
         shape, size: box (x, y, z), sphere (diameter), cylinder (diameter, height) or capsule (diameter, height without
             the round ends).
     """
@@ -124,6 +125,7 @@ def sphere_distances(first: Solid, centers_first: Array, second: Solid, centers_
     """Return lower bounds (n,) m of the distance of two solids, from their bounding spheres.
 
     Args:
+        first, second: the solids; at most one is a half-space.
         centers_first, centers_second: (n, 3) m, centers of the bounding spheres in the universe.
     """
     for surface, other, centers in ((first, second, centers_second), (second, first, centers_first)):

@@ -24,8 +24,9 @@ GRID_S = 0.01
 MAX_GRID = 5_000
 """Largest number of these times, however slow the motion is."""
 
-ROUNDED = 0.01
-"""Largest excess of an inertia over what a body can have, relative to it, that rounding to two digits explains."""
+ROUNDING_SHARE = 0.01
+"""Largest excess of a principal inertia over what a body can have, as a share of it, that rounding to two digits
+explains."""
 
 G = 9.81
 """Gravity, m/s2."""
@@ -38,7 +39,7 @@ class Torque:
     Attributes:
         share: needed share of the limit; above 1 the limit is exceeded.
         joint, t: name of the joint, and time (s).
-        value, bound: torque and limit, in `unit`: N m, or N for a sliding joint.
+        value, bound, unit: torque and limit in "N m", or "N" for a sliding joint.
         weightless: joints whose link has no mass in the URDF.
         impossible: links with an inertia that no body has.
     """
@@ -57,6 +58,9 @@ def find_torque(arm: AuditArm, trajectory: JointTrajectory, load: Load, effort: 
     """Find the largest share of the torque limits.
 
     Args:
+        arm: the audit's model.
+        trajectory: the motion.
+        load: what the tool carries.
         effort: (k,) limits, N m, or N for a sliding joint.
         pace: speed of the motion, see `torques`.
     """
@@ -88,7 +92,7 @@ def _impossible_inertias(arm: AuditArm) -> tuple[str, ...]:
         if given is not None and arm.driven_ancestors(arm.link_on_joint(name)[0]):
             xx, xy, xz, yy, yz, zz = (float(given.attrib[key]) for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"))
             principal = np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-            if 2.0 * principal[2] - principal.sum() > ROUNDED * np.abs(principal).max():
+            if 2.0 * principal[2] - principal.sum() > ROUNDING_SHARE * np.abs(principal).max():
                 found.append(name)
     return tuple(found)
 
@@ -97,7 +101,10 @@ def torques(arm: AuditArm, trajectory: JointTrajectory, t: Array, load: Load, pa
     """Return the torques of the arm's joints (n, k), N m (N for a sliding joint), at times t (n,) s.
 
     Args:
+        arm: the audit's model.
         trajectory: the motion. The fingers follow it too, but count as at rest.
+        t: (n,) s.
+        load: what the tool carries.
         pace: speed of the motion relative to the trajectory's own; 0 holds the arm still at each time.
     """
     bare = arm.model.copy()
@@ -114,7 +121,7 @@ def torques(arm: AuditArm, trajectory: JointTrajectory, t: Array, load: Load, pa
                 holding.appendBodyToJoint(arm.tool_joint, _inertia(load.grasped), T_joint_object)
                 for i in np.flatnonzero((phase.start <= t) & (t <= phase.end)):
                     models[i] = holding
-    data, gears = bare.createData(), arm.gears()
+    data, gears = bare.createData(), arm.drive_matrix()
     _, qd, qdd, _ = joint_motion(trajectory, t)
     q = arm.configurations(coordinates(trajectory, t))
     v, a = pace * qd @ gears.T, pace**2 * qdd @ gears.T
