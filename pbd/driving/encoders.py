@@ -20,6 +20,7 @@ class Encoders:
 
     Attributes:
         names: names of the servos, base to gripper.
+        servos, ids: their calibration by name, and their ids on the bus, in the order of `names`.
         stroke_s: duration of the gripper's full stroke, s.
         lower, upper: (k + 1,) ends of the calibrated range, counts.
     """

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pbd.driving.servo_arm import Bounds, State
+from pbd.driving.servo_arm import ServoLimits, ServoState
 from pbd.errors import SensorError
 from pbd.files.servo_calibration import COUNTS
 from pbd.pose import Array
@@ -17,7 +17,7 @@ MAX_LOAD, LOAD_S = 0.8, 0.5
 """Largest share of a servo's strength, and the longest time above it, s. The servo itself gives way at 0.8 after 2 s
 (factory settings of Overload_Torque and Protection_Time)."""
 
-HEAT_MARGIN_C = 5.0
+HEAT_MARGIN_CELSIUS = 5.0
 """Margin below the temperature at which a servo switches itself off and drops the arm, °C."""
 
 MIN_VOLTS_SHARE = 0.8
@@ -36,9 +36,9 @@ class MotionMonitor:
     """
 
     def __init__(
-        self, names: Sequence[str], bounds: Bounds, start: State, tolerance_deg: float, rate_hz: float
+        self, names: Sequence[str], bounds: ServoLimits, start: ServoState, tolerance_deg: float, rate_hz: float
     ) -> None:
-        """`start` is the arm at rest. An infinite tolerance switches the check of the positions off."""
+        """Begin; `start` is the arm at rest. With an infinite tolerance, positions are not checked."""
         n = len(names)
         self._names, self._bounds, self._tolerance_deg = names, bounds, tolerance_deg
         self._min_volts = np.maximum(bounds.min_volts, MIN_VOLTS_SHARE * start.volts)
@@ -51,7 +51,7 @@ class MotionMonitor:
         """Note a goal (n,) that was sent, counts."""
         self._goals.append(counts)
 
-    def check(self, state: State) -> None:
+    def check(self, state: ServoState) -> None:
         """Check a state.
 
         Raises:
@@ -83,10 +83,10 @@ class MotionMonitor:
         self.celsius, self.volts = np.maximum(self.celsius, state.celsius), np.minimum(self.volts, state.volts)
 
 
-def check_health(names: Sequence[str], bounds: Bounds, state: State) -> None:
+def check_health(names: Sequence[str], bounds: ServoLimits, state: ServoState) -> None:
     """Refuse servos that are hot, have a wrong voltage, or report an error; raises SensorError."""
     for i, name in enumerate(names):
-        if state.celsius[i] >= bounds.celsius[i] - HEAT_MARGIN_C:
+        if state.celsius[i] >= bounds.celsius[i] - HEAT_MARGIN_CELSIUS:
             what = f"{name} is at {state.celsius[i]:.0f} °C, and switches off at {bounds.celsius[i]:.0f}"
             raise SensorError(f"{what}: let it cool down", joint=name)
         low, high = bounds.min_volts[i], bounds.max_volts[i]

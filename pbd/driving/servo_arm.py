@@ -23,8 +23,10 @@ RANGE, MAX_CELSIUS, MAX_VOLTS, MIN_VOLTS, OFFSET, MODE = 9, 13, 14, 15, 31, 33
 """Addresses in it: position limits (two words), highest temperature (°C), highest and lowest voltage (0.1 V), homing
 offset, mode (0: position)."""
 TORQUE_ENABLE, ACCELERATION, GOAL, TORQUE_LIMIT, LOCK = 40, 41, 42, 48, 55
+"""Addresses outside the permanent memory: torque (0: off), acceleration (100 counts/s2), goal position (counts), torque
+limit (0 to 1000), lock of the permanent memory (1: locked)."""
 PRESENT, PRESENT_LENGTH = 56, 8
-"""Addresses: position 56, speed 58, load 60, voltage 62, temperature 63."""
+"""The present state: position at address 56, speed at 58, load at 60, voltage (0.1 V) at 62, temperature (°C) at 63."""
 
 OFFSET_SIGN, LOAD_SIGN = 11, 10
 """Sign bits of a homing offset and of a load."""
@@ -49,7 +51,7 @@ class LostTorqueError(SensorError):
 
 
 @dataclass(frozen=True, eq=False)
-class State:
+class ServoState:
     """State of all servos at one instant, base to gripper.
 
     Attributes:
@@ -67,7 +69,7 @@ class State:
 
 
 @dataclass(frozen=True, eq=False)
-class Bounds:
+class ServoLimits:
     """The servos' own limits of temperature and supply voltage, (n,) each."""
 
     celsius: Array
@@ -92,7 +94,7 @@ class ServoArm:
         """
         self._bus, self.encoders = bus, encoders
         found = identify(bus, dict(zip(encoders.names, encoders.ids, strict=True)))
-        self.bounds = Bounds(
+        self.bounds = ServoLimits(
             celsius=np.array([data[MAX_CELSIUS - IDENTITY] for data in found]),
             min_volts=0.1 * np.array([data[MIN_VOLTS - IDENTITY] for data in found]),
             max_volts=0.1 * np.array([data[MAX_VOLTS - IDENTITY] for data in found]),
@@ -110,11 +112,11 @@ class ServoArm:
                 what = f"servo {servo.id} ({name}) is in mode {mode}, not in position mode"
                 raise SensorError(f"{what}; calibrate anew with `pbd run --calibrate`")
 
-    def state(self) -> State:
+    def state(self) -> ServoState:
         """Read all servos; raises as `Bus.read`."""
         found = self._bus.read(self.encoders.ids, PRESENT, PRESENT_LENGTH)
         answers = [found[id_] for id_ in self.encoders.ids]
-        return State(
+        return ServoState(
             counts=np.array([decode_word(a.data) for a in answers], np.float64),
             load=np.array([decode_word(a.data, 4, LOAD_SIGN) / 1000.0 for a in answers]),
             volts=np.array([a.data[6] / 10.0 for a in answers]),

@@ -12,17 +12,17 @@ import numpy as np
 from pbd.data import JointLimits, JointTrajectory
 from pbd.driving.encoders import Encoders
 from pbd.driving.motion_monitor import MotionMonitor
-from pbd.driving.servo_arm import LostTorqueError, ServoArm, State
+from pbd.driving.servo_arm import LostTorqueError, ServoArm, ServoState
 from pbd.errors import PlanError, SensorError, amount
 from pbd.pose import Array
 
-SLACK_DEG = 5.0
+START_SLACK_DEG = 5.0
 """Largest angle by which an arm may start beyond the model's limits, degrees (assumed: play, a zero set by eye). It is
 eased back."""
 
 LEAD_S, SETTLE_S = 0.5, 0.3
-"""Duration of the lead-in from where the arm stands to the plan's first joints, at most SLACK_DEG away, and of the hold
-at its last joints, s."""
+"""Duration, s, of the lead-in from where the arm stands to the plan's first joints, at most START_SLACK_DEG away; and of
+the hold at its last joints."""
 
 STALL_S = 0.1
 """Longest delay of a goal, s. If it is later, the arm has stood still in the meantime, so the motion ends."""
@@ -46,9 +46,11 @@ class StreamResult:
     """How a motion ended.
 
     Attributes:
+        sent: number of goals sent.
         t: how far the motion got, s.
         periods: (sent - 1,) times between goals, s.
-        stopped: why it stopped early, or None.
+        stopped: the fault for which it stopped early, or None.
+        by_hand: whether a person stopped it.
         held: whether the servos have torque, and took the goal that holds the arm.
     """
 
@@ -60,16 +62,16 @@ class StreamResult:
     held: bool = True
 
 
-def planned_start(encoders: Encoders, state: State, limits: JointLimits) -> tuple[float, ...]:
+def planned_start(encoders: Encoders, state: ServoState, limits: JointLimits) -> tuple[float, ...]:
     """Return the joints that a plan starts from, rad: the measured ones, clipped to the model's limits.
 
     Raises:
-        PlanError: the arm stands more than SLACK_DEG outside them.
+        PlanError: the arm stands more than START_SLACK_DEG outside them.
     """
     q = encoders.to_joints(state.counts)
     inside = np.clip(q, limits.lower, limits.upper)
     worst = int(np.argmax(np.abs(q - inside)))
-    if np.degrees(abs(q - inside)[worst]) > SLACK_DEG:
+    if np.degrees(abs(q - inside)[worst]) > START_SLACK_DEG:
         low, high, at = np.degrees([limits.lower[worst], limits.upper[worst], q[worst]])
         name = encoders.names[worst]
         what = f"{name} stands at {amount(at, 'degree', '.0f')}, outside the model's {low:.0f} to {high:.0f}"
@@ -77,7 +79,9 @@ def planned_start(encoders: Encoders, state: State, limits: JointLimits) -> tupl
     return tuple(inside.tolist())
 
 
-def sample_goals(encoders: Encoders, trajectory: JointTrajectory, state: State, rate_hz: float) -> tuple[Array, Array]:
+def sample_goals(
+    encoders: Encoders, trajectory: JointTrajectory, state: ServoState, rate_hz: float
+) -> tuple[Array, Array]:
     """Sample a motion as goals, with a lead-in from where the arm was measured.
 
     Returns:

@@ -13,7 +13,7 @@ import pytest
 from pbd.driving.bus import Bus
 from pbd.driving.encoders import Encoders
 from pbd.driving.motion_monitor import MotionMonitor, check_health
-from pbd.driving.servo_arm import WRITE_TRIES, Bounds, State
+from pbd.driving.servo_arm import WRITE_TRIES, ServoLimits, ServoState
 from pbd.driving.stream import Clock, StreamResult, planned_start, stream
 from pbd.errors import PlanError, SensorError
 from pbd.files.robot import load_robot
@@ -266,9 +266,9 @@ def test_an_arm_that_should_not_start(emulator: Emulator, address: int, value: i
             check_health(arm.encoders.names, arm.bounds, arm.state())
 
 
-def standing(counts: Array) -> State:
+def standing(counts: Array) -> ServoState:
     n = len(counts)
-    return State(counts, np.zeros(n), np.full(n, 7.4), np.full(n, 30.0), (0,) * n)
+    return ServoState(counts, np.zeros(n), np.full(n, 7.4), np.full(n, 30.0), (0,) * n)
 
 
 def so101() -> Encoders:
@@ -300,7 +300,7 @@ def test_after_a_late_goal_none_comes_sooner_than_half_a_period() -> None:
 def test_a_servo_may_be_a_quarter_of_a_second_behind(behind_s: float, sound: bool) -> None:
     """At 20 degrees a period, it is as many off as it is periods more behind than it may be."""
     encoders, n = so101(), 6
-    bounds = Bounds(np.full(n, 70.0), np.full(n, 4.0), np.full(n, 8.0))
+    bounds = ServoLimits(np.full(n, 70.0), np.full(n, 4.0), np.full(n, 8.0))
     path = np.full((40, n), 2048.0) + np.eye(n)[ELBOW] * 4096.0 / 18.0 * np.arange(40)[:, None]
     monitor = MotionMonitor(encoders.names, bounds, standing(path[0]), 10.0, RATE_HZ)
     for goal in path:

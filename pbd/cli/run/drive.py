@@ -20,7 +20,7 @@ from pbd.driving import bus as servo_bus
 from pbd.driving.bus import Bus
 from pbd.driving.encoders import Encoders, servo_names
 from pbd.driving.motion_monitor import MotionMonitor, check_health
-from pbd.driving.servo_arm import ServoArm, State
+from pbd.driving.servo_arm import ServoArm, ServoState
 from pbd.driving.stream import Clock, StreamResult, planned_start, sample_goals, stream
 from pbd.errors import SensorError, noting
 from pbd.files.servo_calibration import find_servo_calibration, read_servo_calibration
@@ -108,7 +108,7 @@ def _check_pace(bus: Bus, arm: ServoArm) -> None:
         raise SensorError(f"{what}: lower the adapter's latency timer (docs/running.md), or close other programs")
 
 
-def _preview_table(encoders: Encoders, state: State, goals: Array, t: Array, trajectory: JointTrajectory) -> Table:
+def _preview_table(encoders: Encoders, state: ServoState, goals: Array, t: Array, trajectory: JointTrajectory) -> Table:
     """Tabulate each joint's present position, the start, and the range of the motion and of the servo."""
     table = make_table("joint", "now", "start", "lowest", "highest", "servo's range", left=("joint",))
     at = goals[int(np.searchsorted(t, trajectory.keyframe_t[0]))]
