@@ -102,6 +102,8 @@ class SensorModel:
     """A kind of sensor.
 
     Attributes:
+        name: the model's name.
+        rate_hz: samples per second.
         acc, gyr, mag: errors in m/s2, rad/s and uT; None: it has no such sensor.
         attitude: its own roll, pitch, yaw, or None.
         jitter_s: one sigma of the time error of a border between two sampling intervals; errors are at most 0.45

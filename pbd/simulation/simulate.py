@@ -70,6 +70,7 @@ def simulate(
         sensor: a name of SENSOR_MODELS, or a model (`dataclasses.replace` changes one).
         seed: seed of the device's errors and noise. The same seed gives the same bytes.
         rate_hz: replaces the model's rate.
+        world: gravity and the magnetic field.
         device: seed of the device's errors: recordings with the same one are of the same device. Default: the errors
             follow from `seed`; that is another device than `device=seed`.
 

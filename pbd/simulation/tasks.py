@@ -28,6 +28,7 @@ class Task:
     """A motion of the hand through waypoints.
 
     Attributes:
+        name: the task's name.
         waypoints: at least one; at the first the hand rests at the start.
         description: one sentence for people.
         start_rpy: attitude of the sensor in world at the first rest: roll, pitch, yaw in URDF's order, rad.
@@ -107,10 +108,12 @@ def random_task(
 
     Args:
         seed: the same seed makes the same task.
-        reach_m: edge of the cube around the first rest.
+        moves: number of moves.
+        reach_m: edge of the cube around the first rest, m.
         max_turn: largest rotation of a move, rad.
-        move_s: duration of the shortest and the longest move.
-        rest_s: duration of the shortest and the longest rest.
+        move_s: duration of the shortest and the longest move, s.
+        rest_s: duration of the shortest and the longest rest, s.
+        first_rest_s: duration of the first rest, s.
 
     Raises:
         WrongTypeError: an argument is of another kind.
