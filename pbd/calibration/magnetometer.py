@@ -86,6 +86,42 @@ def fit_ellipsoid(points: Array) -> tuple[Array, Array]:
     return middle + size * centre, np.asarray((axes * np.sqrt(values)) @ axes.T / size)
 
 
+def _fit_well_turned(mag: Array, noise: float) -> tuple[Array, Array, float]:
+    """Fit an ellipsoid to readings (n, 3) uT of a sensor that must have been turned to all sides.
+
+    Args:
+        mag: the readings.
+        noise: uT, their sigma.
+
+    Returns:
+        centre (3,) uT, matrix (3, 3) of determinant 1, and the field's strength, uT.
+
+    Raises:
+        CalibrationError: the sensor was not turned far enough.
+    """
+    spread = float(np.sqrt(np.linalg.eigvalsh(np.cov(mag.T))[0]))
+    if spread < LEAST_SPREAD_SIGMAS * noise:
+        raise CalibrationError(
+            "the magnetometer was not turned far enough: along one axis its readings vary by only "
+            f"{spread:.1f} uT; {TURN_IT}",
+            value=spread,
+            bound=LEAST_SPREAD_SIGMAS * noise,
+        )
+    centre, root = fit_ellipsoid(mag)
+    scale = float(np.cbrt(np.linalg.det(root)))
+    directions = (mag - centre) @ root.T
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    cover = float(np.linalg.eigvalsh(directions.T @ directions / len(directions))[0])
+    if cover < LEAST_COVER:
+        raise CalibrationError(
+            f"the magnetometer was not turned far enough (its directions cover {100.0 * 3.0 * cover:.0f} % of what "
+            f"they could along one axis); {TURN_IT}",
+            value=cover,
+            bound=LEAST_COVER,
+        )
+    return centre, root / scale, 1.0 / scale
+
+
 def fit_magnetometer(mag: Array, rests: Rests, up_sensor: Array, up_sigma: float = 0.0) -> MagnetometerFit:
     """Fit hard and soft iron: an ellipsoid first, then least squares of strength and dip.
 
@@ -110,27 +146,7 @@ def fit_magnetometer(mag: Array, rests: Rests, up_sensor: Array, up_sigma: float
     at_rest: Array = rests.mag
     used = mag[np.linspace(0, len(mag) - 1, min(SAMPLES_USED, len(mag))).astype(np.intp)]
     noise = float(np.hypot(rests.mag_noise, FIELD_SIGMA_UT))
-    spread = float(np.sqrt(np.linalg.eigvalsh(np.cov(used.T))[0]))
-    if spread < LEAST_SPREAD_SIGMAS * noise:
-        raise CalibrationError(
-            "the magnetometer was not turned far enough: along one axis its readings vary by only "
-            f"{spread:.1f} uT; {TURN_IT}",
-            value=spread,
-            bound=LEAST_SPREAD_SIGMAS * noise,
-        )
-    centre, root = fit_ellipsoid(used)
-    scale = float(np.cbrt(np.linalg.det(root)))
-    start, field = root / scale, 1.0 / scale
-    directions = (used - centre) @ root.T
-    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    cover = float(np.linalg.eigvalsh(directions.T @ directions / len(directions))[0])
-    if cover < LEAST_COVER:
-        raise CalibrationError(
-            f"the magnetometer was not turned far enough (its directions cover {100.0 * 3.0 * cover:.0f} % of what "
-            f"they could along one axis); {TURN_IT}",
-            value=cover,
-            bound=LEAST_COVER,
-        )
+    centre, start, field = _fit_well_turned(used, noise)
     noise_at_rest = np.hypot(np.hypot(rests.mag_noise / np.sqrt(rests.samples), FIELD_SIGMA_UT), up_sigma * field)
 
     def vertical_part(bias: Array, matrix: Array) -> Array:
