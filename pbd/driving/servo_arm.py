@@ -104,9 +104,11 @@ class ServoArm:
             stored = (decode_word(data, OFFSET - IDENTITY, OFFSET_SIGN), low, high)
             wanted = (servo.homing_offset, servo.range_min, servo.range_max)
             if stored != wanted:
-                what = f"the calibration is another arm's, or an old one: of {name} it has homing offset and range"
+                what = (
+                    f"the calibration is another arm's, or an old one: for {name} it gives the homing offset and range"
+                )
                 raise CalibrationError(
-                    f"{what} {wanted}, the servo has {stored}; name the right --servos, or calibrate anew"
+                    f"{what} {wanted}, but the servo has {stored}; name the right --servos, or calibrate anew"
                 )
             if mode := data[MODE - IDENTITY]:
                 what = f"servo {servo.id} ({name}) is in mode {mode}, not in position mode"

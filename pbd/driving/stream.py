@@ -21,8 +21,8 @@ START_SLACK_DEG = 5.0
 eased back."""
 
 LEAD_S, SETTLE_S = 0.5, 0.3
-"""Duration, s, of the lead-in from where the arm stands to the plan's first joints, at most START_SLACK_DEG away; and of
-the hold at its last joints."""
+"""Durations, s, of the lead-in from where the arm stands, at most START_SLACK_DEG away, to the first planned joints; of
+the hold at the last ones."""
 
 STALL_S = 0.1
 """Longest delay of a goal, s. If it is later, the arm has stood still in the meantime, so the motion ends."""

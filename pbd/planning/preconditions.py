@@ -10,7 +10,7 @@ import numpy as np
 from pbd.calibration.dock import TILT_WARNING_DEG
 from pbd.data import HandPath, Keyframe
 from pbd.data.tracking import UNSURE_M
-from pbd.errors import TrackingError, warn
+from pbd.errors import TrackingError, amount, warn
 from pbd.planning.options import hand_durations
 from pbd.pose import Pose
 
@@ -31,8 +31,8 @@ def check_count(keyframes: Sequence[Keyframe]) -> None:
     """Refuse fewer than two keyframes (TrackingError)."""
     if len(keyframes) < 2:
         raise TrackingError(
-            f"the demonstration has {len(keyframes)} stop, but a motion needs two; hold still, move, and hold still "
-            "again",
+            f"the demonstration has {amount(len(keyframes), 'stop')}, but a motion needs two; hold still, move, and "
+            "hold still again",
             value=len(keyframes),
             bound=2,
         )
