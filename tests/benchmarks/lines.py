@@ -32,7 +32,7 @@ from pbd.files.robot import load_robot
 from pbd.planning.options import PlanOptions
 from pbd.planning.plan import plan_task
 from pbd.planning.result import Plan
-from pbd.planning.task import Task, arm_of
+from pbd.planning.task import PlanningTask, arm_of
 from pbd.pose import Array, Pose, matrix_log
 from tests.benchmarks import report
 from tests.benchmarks.ik import one_turn
@@ -63,7 +63,7 @@ def measure(robot: Robot, count: int) -> dict[str, Any]:
         options = PlanOptions(path="line", approach=False, retreat=False, allow_collision=True)
         start = time.process_time()
         try:
-            plan = plan_task(Task(keyframes, calibration, robot, None, None, options, no_free_motion=True))
+            plan = plan_task(PlanningTask(keyframes, calibration, robot, None, None, options, no_free_motion=True))
         except PlanError:
             continue
         finally:
