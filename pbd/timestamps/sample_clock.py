@@ -4,7 +4,8 @@ A device's time is accepted while its steps are regular. After a jump the next s
 new time, the device restarted. If it does not, the jump was a corrupted digit (some protocols have no checksum), and
 that sample is left out.
 
-A sample without a device's time has its time of arrival, which `Stamper` corrects, and at the end `straighten`.
+A sample without a device's time has its time of arrival, which `Stamper` corrects, and at the end `straighten`. A
+packet that came twice has the time of the first, as in a recording a row that repeats another at the same time.
 """
 
 import time
@@ -14,6 +15,7 @@ from typing import Generic, NamedTuple, TypeVar
 import numpy as np
 
 from pbd.pose import Array
+from pbd.timestamps.doubled_packets import came_twice
 from pbd.timestamps.stamper import Stamper
 from pbd.timestamps.straighten import LOST_SHARE, straighten
 
@@ -35,6 +37,9 @@ LONGEST_GAP_S = 10.0
 LONGEST_LOSSLESS_STEP = 1.6
 """Largest step without a lost sample, as a multiple of the median step."""
 
+DOUBLED_EVERY_S, DOUBLED_SAMPLES = 0.25, 1000
+"""Least time, s, between two looks whether packets come twice, and the number of latest samples that tell."""
+
 COUNT_AFTER_S, COUNT_EVERY_S, COUNT_TIME_SHARE = 2.0, 1.0, 0.02
 """The live count of losses: when it is first made (s), its shortest period (s), and the largest share of the time that
 counting may take."""
@@ -53,7 +58,7 @@ class SampleClock(Generic[T]):
 
     Attributes:
         times: times of the samples so far, s: the device's times, or the arrival times on the host.
-        doubted: number of samples that were left out because of their time.
+        doubted: number of samples that were left out because of their time, or, by the latest `count_lost`, came twice.
         lost: number of samples that never arrived, by the latest `count_lost`.
         straightened: (n,) s, the arrival times as straightened by the latest count; None with a device's clock.
     """
@@ -63,7 +68,11 @@ class SampleClock(Generic[T]):
         self.times: list[float] = []
         self.doubted = self.lost = 0
         self.straightened: Array | None = None
-        self._stamper: Stamper[T] | None = None
+        self._stamper: Stamper[list[T]] | None = None
+        self._repeats: list[bool] = []  # whether each sample without a device's time repeats the one before
+        self._came_twice, self._next_look = False, 0.0
+        self._latest_group: list[T] = []  # the latest sample of the stamper, and those that repeat it
+        self._group_t: float | None = None  # its time, s, if it is known
         self._first: float | None = None  # first time of the stamper, s
         self._zero, self._usual = 0.0, usual_s
         self._last: _Reading[T] | None = None
@@ -89,7 +98,13 @@ class SampleClock(Generic[T]):
         if self._last is None and (self._stamper or t_device is None):
             self._stamper = self._stamper or Stamper()
             self.times.append(arrival)
-            return self._since_first(self._stamper.stamp(sample, arrival))
+            if self._is_doubled(sample, arrival):
+                if self._group_t is not None:
+                    return [(self._group_t, sample)]
+                self._latest_group.append(sample)
+                return []
+            self._latest_group, self._group_t = [sample], None
+            return self._since_first(self._stamper.stamp(self._latest_group, arrival))
         if t_device is None:  # the packet with its time was lost
             self.doubted += 1
             return []
@@ -117,10 +132,21 @@ class SampleClock(Generic[T]):
         """Return (time, sample) of each sample that is still held back, by what is known now."""
         return [] if self._stamper is None else self._since_first(self._stamper.release())
 
-    def _since_first(self, stamped: list[tuple[float, T]]) -> list[tuple[float, T]]:
+    def _is_doubled(self, sample: T, arrival: float) -> bool:
+        self._repeats.append(bool(self._latest_group) and sample == self._latest_group[0])
+        if self._repeats[-1] and not self._came_twice and arrival >= self._next_look:
+            self._next_look = arrival + DOUBLED_EVERY_S
+            latest = slice(-DOUBLED_SAMPLES, None)
+            self._came_twice = came_twice(np.array(self.times[latest]), np.array(self._repeats[latest]))
+        return self._repeats[-1] and self._came_twice
+
+    def _since_first(self, stamped: list[tuple[float, list[T]]]) -> list[tuple[float, T]]:
         if stamped and self._first is None:
             self._first = stamped[0][0]
-        return [(t - (self._first or 0.0), sample) for t, sample in stamped]
+        known = [(t - (self._first or 0.0), group) for t, group in stamped]
+        if known and known[-1][1] is self._latest_group:
+            self._group_t = known[-1][0]
+        return [(t, sample) for t, group in known for sample in group]
 
     def count_lost(self, if_due: bool = False) -> None:
         """Count the lost samples; `if_due`: only if the next count is due. Slow counts are made less often."""
@@ -132,7 +158,11 @@ class SampleClock(Generic[T]):
         if self.is_device:
             self.lost = count_missing(times)
         else:
-            self.straightened, self.lost = straighten(times)
+            repeats = np.array(self._repeats, dtype=bool)
+            new = ~(repeats & (self._came_twice or came_twice(times, repeats)))
+            self.doubted = int((~new).sum())
+            even, self.lost = straighten(times[new])
+            self.straightened = even[np.cumsum(new) - 1]
         ended = time.monotonic()
         self._next_count = ended + max(COUNT_EVERY_S, (ended - begun) / COUNT_TIME_SHARE)
 

@@ -1,0 +1,42 @@
+"""Packets that a link delivered twice, told from readings that a sensor repeats."""
+
+from math import log
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pbd.pose import Array
+from pbd.timestamps.straighten import LITTLE_JITTER, WITHIN_BATCH
+
+CHANCE = 1e-5
+"""Largest ratio of the likelihoods of repeated readings and of packets that came twice, if the latter are believed."""
+
+LONG_SPANS = 4.0
+"""A time between two batches above this multiple of the mean is a gap or a stall, and tells nothing."""
+
+
+def came_twice(arrival: Array, repeats: NDArray[np.bool_]) -> bool:
+    """Whether the samples that repeat the one before are packets that came twice.
+
+    Such a packet takes no time: without it, the time between two batches fits the number of samples better. A reading
+    that is repeated, because the sensor is coarse or is read too often, takes an interval as any other.
+
+    Args:
+        arrival: (n,) s.
+        repeats: (n,) whether all readings of a sample are those of the sample before.
+    """
+    new = np.flatnonzero(~repeats)
+    if not repeats.any() or len(new) < 2:
+        return False
+    steps = np.diff(arrival[new])
+    ends = np.flatnonzero(steps > WITHIN_BATCH * steps.mean())
+    spans, counts = np.diff(arrival[new[ends]]), np.diff((new[ends], ends), axis=1)
+    usual = spans < LONG_SPANS * spans.mean() if len(spans) else np.zeros(0, dtype=bool)
+    spans, counts = spans[usual], counts[:, usual]
+    if not len(spans):
+        return False
+    intervals = spans.sum() / counts.sum(axis=1)
+    misfits = (spans - intervals[:, None] * counts) ** 2
+    # Gaussian delays: the log-likelihood of each hypothesis is its misfit over twice the variance.
+    variance = max(float(misfits[0].mean()), (LITTLE_JITTER * float(intervals[1])) ** 2)
+    return bool((misfits[0] - misfits[1]).sum() > -2.0 * log(CHANCE) * variance)
