@@ -280,6 +280,68 @@ def test_losses_one_soon_after_the_other_keep_their_places() -> None:
     assert t == pytest.approx(true, abs=1e-6)
 
 
+def test_a_long_loss_before_the_last_samples_is_seen() -> None:
+    """No loss was seen within the last 0.5 s, however long."""
+    true = np.delete(np.arange(1200), range(995, 1195)) / HZ
+    t, lost = straighten(true)
+    assert lost == 200
+    assert t == pytest.approx(true, abs=1e-6)
+
+
+@pytest.mark.parametrize("asleep_s", [3.0, 15.0])
+def test_the_backlog_of_a_suspended_host_loses_nothing(asleep_s: float) -> None:
+    """It is read in pieces of 4096 bytes. Of 300 samples 178 seemed to be lost, or the rate seemed to change."""
+    true = np.arange(round(asleep_s * HZ) + 2000) / HZ
+    arrival = np.maximum(true, np.where(true > 10.0, 10.0 + asleep_s, 0.0))
+    asleep = arrival > true
+    arrival[asleep] += 0.02 * (np.flatnonzero(asleep) // 124 - 8)
+    t, lost = straighten(np.maximum.accumulate(arrival))
+    assert lost == 0
+    assert t == pytest.approx(true, abs=1e-3)
+
+
+def clocked(values: list[int], arrivals: Array) -> SampleClock[int]:
+    """A clock that has taken and counted samples of these values, without a device's time."""
+    clock = SampleClock[int]()
+    for value, at in zip(values, arrivals.tolist(), strict=True):
+        clock.take(value, None, at)
+    clock.count()
+    return clock
+
+
+@pytest.mark.parametrize("late_s", [0.0, 0.007])  # at once, or after the time that its bytes take on a slow line
+@pytest.mark.parametrize("batch_s", [0.0, 0.2])
+def test_a_packet_that_comes_twice_has_the_time_of_the_first(late_s: float, batch_s: float) -> None:
+    """One in 20 does. Each took an interval: the keyframes were off by metres."""
+    rng, true = np.random.default_rng(0), np.arange(2000)
+    sent = np.repeat(true, np.where(rng.random(2000) < 0.05, 2, 1))
+    again = np.append(False, sent[1:] == sent[:-1])
+    arrival = sent / HZ if not batch_s else np.ceil(sent / HZ / batch_s) * batch_s
+    clock = clocked(sent.tolist(), arrival + late_s * again)
+    assert clock.straightened is not None
+    assert clock.straightened - clock.straightened[-1] == pytest.approx((sent - sent[-1]) / HZ, abs=1e-3)
+    assert (clock.lost, clock.doubted) == (0, again.sum())
+
+
+def test_what_comes_twice_has_the_time_of_the_first_while_it_is_recorded() -> None:
+    sent = np.repeat(np.arange(1000), 1 + (np.arange(1000) % 10 == 0))
+    clock = SampleClock[int]()
+    got = [each for value in sent.tolist() for each in clock.take(value, None, value / HZ)] + clock.release()
+    assert [value for _, value in got] == sent.tolist()
+    t = np.array([t for t, _ in got])[sent > 700]
+    assert t - t[0] == pytest.approx((sent[sent > 700] - 701) / HZ, abs=1e-3)
+
+
+@pytest.mark.parametrize("batch_s", [0.0, 0.2])
+def test_a_reading_that_is_repeated_takes_an_interval(batch_s: float) -> None:
+    """A coarse sensor at rest, or one that is read more often than it measures."""
+    values = np.cumsum(np.random.default_rng(0).random(2000) < 0.7)
+    true = np.arange(2000) / HZ
+    clock = clocked(values.tolist(), true if not batch_s else np.ceil(true / batch_s) * batch_s)
+    assert clock.straightened == pytest.approx(true, abs=1e-3)
+    assert (clock.lost, clock.doubted) == (0, 0)
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_a_loss_in_most_blocks_does_not_lengthen_the_interval(seed: int) -> None:
     """Of 16 samples in turn usually one is lost: the interval was 6 % too long."""

@@ -81,11 +81,16 @@ def straighten(arrival: Array, burst_s: float = LONGEST_BURST_S, complete: bool 
         The times, and how many samples were lost.
     """
     n, steps = len(arrival), np.diff(arrival)
-    # The last sample of each batch; the last batch may be cut off.
-    ends = np.flatnonzero(steps > WITHIN_BATCH * steps.sum() / max(n - 1, 1))
+    # The last sample of each batch; the last batch may be cut off. A backlog is read in several pieces.
+    soon = WITHIN_BATCH * steps.sum() / max(n - 1, 1)
+    ends = np.flatnonzero(steps > soon)
+    follows = np.append(ends, n - 1)[1:]  # the end of the batch after it
+    ends = ends[arrival[follows] - arrival[ends] > soon * (follows - ends)]
     if len(ends) < 2:
         return arrival - arrival[:1], 0
     k = np.arange(n, dtype=np.float64)
+    # Samples of a batch waited for its last one, so only its delay tells, however long a suspended host slept.
+    last = np.append(ends, n - 1)[np.searchsorted(ends, np.arange(n))]
     sizes = np.sort(np.diff(ends, prepend=-1))
     batch = int(sizes[np.searchsorted(np.cumsum(sizes), 0.5 * sizes.sum())])  # that of the median sample
     interval = first_slope(k[ends], arrival[ends], batch)
@@ -93,17 +98,20 @@ def straighten(arrival: Array, burst_s: float = LONGEST_BURST_S, complete: bool 
     for _ in range(DRIFT_ROUNDS):
         burst = max(round(burst_s / interval), BURST_BATCHES * batch, 2)
         for _ in range(3):  # a better interval gives a better count of losses, and the reverse
-            lost = lost if complete else _lost_before(arrival - drift - k * interval, interval, burst, ends)
+            lost = lost if complete else _lost_before((arrival - drift - k * interval)[last], interval, burst, ends)
             interval = _slope_below((k + lost)[ends], (arrival - drift)[ends], max(BLOCK_SAMPLES // batch, 1))
-        drift = _drift(arrival - interval * (k + lost), max(round(LONGEST_BURST_S / interval), burst))
+        drift = _drift((arrival - interval * (k + lost))[last], max(round(LONGEST_BURST_S / interval), burst), interval)
         if not drift.any():
             break
     t = interval * (k + lost) + drift
     return t - t[0], int(lost[-1])
 
 
-def _drift(delay: Array, block: int) -> Array:
-    """Return how the least delayed of the delays (n,) s rise and fall, (n,) s; zeros if they don't do so slowly."""
+def _drift(delay: Array, block: int, interval: float) -> Array:
+    """Return how the least delayed of the delays (n,) s rise and fall, (n,) s; zeros if they don't do so slowly.
+
+    No change of the rate makes the time, of `interval` s a sample, run backwards.
+    """
     starts = range(0, len(delay), 2 * block)
     if len(starts) < FEWEST_DRIFT_BLOCKS:
         return np.zeros(len(delay))
@@ -112,9 +120,9 @@ def _drift(delay: Array, block: int) -> Array:
     usual = np.median(np.array([np.median(delay[at : at + block]) for at in starts]) - least)
     steps, bend = np.diff(least), least - np.polyval(np.polyfit(rows, least, 1), rows)
     far = np.ptp(bend) >= max(LEAST_DRIFT_S, DRIFT_JITTERS * usual)
-    if not far or (steps**2).mean() > DRIFT_RATIO * least.var():
-        return np.zeros(len(delay))
     slopes = steps / np.diff(rows)
+    if not far or (steps**2).mean() > DRIFT_RATIO * least.var() or slopes.min() <= -interval:
+        return np.zeros(len(delay))
     last = len(delay) - 1
     ends = least[0] - slopes[0] * rows[0], least[-1] + slopes[-1] * (last - rows[-1])
     return np.asarray(np.interp(np.arange(last + 1), (0, *rows, last), (ends[0], *least, ends[1])))
@@ -127,10 +135,12 @@ def _lost_before(delay: Array, interval: float, ahead: int, ends: NDArray[np.int
     """
     from scipy.ndimage import find_objects, label, minimum_filter1d
 
-    # Too few samples follow the last ones, so these repeat the value before.
     rise = min(max(2, round(LOSS_RISE_S / interval)), ahead)
     least: Array = minimum_filter1d(delay, ahead, origin=-(ahead // 2), mode="nearest")
-    least[-ahead:] = least[-ahead - 1] if len(least) > ahead else least[0]
+    # Too few samples follow the last ones: among these a loss shows only by a delay that is longer than a burst.
+    tail = max(len(least) - ahead, 1)
+    steps = np.diff(least[tail - 1 :])
+    least[tail:] = least[tail - 1] + np.cumsum(np.where(steps > ahead * interval, steps, 0.0))
     risen = least.copy()
     risen[:rise] -= least[0]
     risen[rise:] -= least[:-rise]
