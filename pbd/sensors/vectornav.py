@@ -5,7 +5,8 @@ fields: VectorNav's programming library 1.2 (`Packet::BinaryGroupLengths`, packe
 
 ASCII: `$VN<header>,fields*HH` CR LF, where HH is the XOR of the bytes between $ and *, or four digits of their CRC16.
 Headers: VNYMR (yaw, pitch, roll in deg, then as VNMAR), VNMAR (magnetic field in gauss, acceleration in m/s2, angular
-rate in rad/s), VNIMU (as VNMAR, uncompensated), and the answers to reading registers 27, 20, 54, 18, 19.
+rate in rad/s), VNIMU (as VNMAR, uncompensated), and the answers to reading registers 27, 20, 54, 18, 19. The answers
+count only until the device sends an acceleration by itself: within a stream they are no further samples.
 Binary: 0xFA, a byte that names the groups, a 16-bit mask of fields for each group, the fields (little-endian), CRC16.
 
 The device's axes are forward, right and down; its attitude is yaw, pitch and roll in north-east-down. **Samples are
@@ -85,6 +86,10 @@ class VectorNavDecoder(PacketDecoder):
 
     START = re.compile(rb"[$\xfa]")
 
+    def __init__(self) -> None:
+        super().__init__()
+        self._streams = False  # whether the device sends accelerations by itself
+
     def _read_packet(self, data: bytes, at: int, samples: list[Sample]) -> int:
         return (self._sentence if data[at] == 0x24 else self._binary)(data, at, samples)
 
@@ -106,7 +111,8 @@ class VectorNavDecoder(PacketDecoder):
             # An XOR does not notice bytes that came twice, so the values are checked as well.
             if len(numbers) != count or ("ypr" in offsets and not all(map(le, map(abs, numbers), YPR_LIMITS))):
                 self.tally.bad_packets += 1
-            else:
+            elif not (is_answer := header.startswith(b"RRG")) or not self._streams:
+                self._streams |= not is_answer
                 samples.append(_sample(numbers, offsets))
         return end + 1 - at
 
@@ -127,6 +133,7 @@ class VectorNavDecoder(PacketDecoder):
         if not isfinite(sum(numbers)):
             self.tally.bad_packets += 1
         elif offsets:
+            self._streams |= "acc" in offsets
             samples.append(_sample(numbers, offsets))
         return end - at
 

@@ -47,6 +47,17 @@ def test_registers_of_the_manual() -> None:
     assert gyr == Sample(gyr=(0.002112, 0.000362, 0.000876))
 
 
+XYZ = (0.1, 0.2, 9.8)
+
+
+@pytest.mark.parametrize("stream", [vn.mar(XYZ, XYZ, XYZ), vn.binary({0: {8: vn.floats(*XYZ)}})])
+def test_answers_within_a_stream_are_no_samples(stream: bytes) -> None:
+    """They came at another time than the samples beside them: the keyframes were off by 5 sigma."""
+    decoder = VectorNavDecoder()
+    assert len(decoder.feed(BINARY + REGISTERS)) == 4  # an attitude alone is no stream
+    assert decoder.feed(stream + REGISTERS + stream) == 2 * VectorNavDecoder().feed(stream)
+
+
 def test_binary_packet_of_the_manual() -> None:
     rpy = one(BINARY).rpy
     yaw, pitch, roll = 43.578686, 1.8847202, -0.0020249654
