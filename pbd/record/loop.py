@@ -127,7 +127,7 @@ def _run(session: Session, reader: Reader, poll: Poll, show: Callable[[Status], 
             if not options.reconnect:
                 return why
             if not disconnected:
-                session.warn(f"{why}; waiting for it")
+                session.warn(f"{why}; waiting for {reader.port.device}")
             command, disconnected, watch = _wait_for_port(session, reader, poll, show), True, _SuspendDetector()
         else:
             command = poll()

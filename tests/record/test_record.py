@@ -355,7 +355,7 @@ def test_a_person_is_heard_while_an_unplugged_sensor_is_waited_for(
         threading.Timer(0.6, sensor.unplug).start()
 
         def poll() -> Command | None:
-            return command if "sensor unplugged; waiting for it" in person.said else None
+            return command if f"sensor unplugged; waiting for {sensor.device}" in person.said else None
 
         outcome = record(
             lambda: open_port(sensor.device, 115200),
