@@ -305,7 +305,7 @@ def clocked(values: list[int], arrivals: Array) -> SampleClock[int]:
     clock = SampleClock[int]()
     for value, at in zip(values, arrivals.tolist(), strict=True):
         clock.take(value, None, at)
-    clock.count()
+    clock.count_lost()
     return clock
 
 
