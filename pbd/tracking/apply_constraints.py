@@ -123,29 +123,46 @@ def _move_path(path: HandPath, moved: Array) -> HandPath:
 def fits_of(path: HandPath, claims: Sequence[Claim], misfit: Array, S: Array) -> tuple[ClaimFit, ...]:
     """The fit of each claim on its own, given the covariance S (m, m) of all misfits.
 
+    If one does not fit, or all together do not, the error names the visit without which all others fit best. Two
+    visits alone can't tell which of them is off.
+
     Raises:
         TrackingError: a claim does not fit, or all together do not.
     """
     rows = _rows(claims)
     square = [float(misfit[row] @ np.linalg.solve(S[row, row], misfit[row])) for row in rows]
-    excess = [_excess(value, row.stop - row.start) for value, row in zip(square, rows, strict=True)]
-    worst = int(np.argmax(excess))
-    if excess[worst] > 1.0:
-        _refuse(path, claims[worst], misfit[rows[worst]], square[worst])
-
-    weighted = np.linalg.solve(S, misfit)
-    together = float(misfit @ weighted)
-    if _excess(together, len(misfit)) > 1.0:
-        # Each claim's misfit against all others, and how much the total chi-square falls without the claim.
-        precision = np.linalg.inv(S)
-        against = [np.linalg.solve(precision[row, row], weighted[row]) for row in rows]
-        gained = [float(weighted[row] @ off) for row, off in zip(rows, against, strict=True)]
-        worst = int(np.argmax(gained))
-        _refuse(path, claims[worst], against[worst], gained[worst], " against the other claims")
+    alone = [_excess(value, row.stop - row.start) for value, row in zip(square, rows, strict=True)]
+    if max(alone) > 1.0 or _excess(float(misfit @ np.linalg.solve(S, misfit)), len(misfit)) > 1.0:
+        named, off, gained = _least_fitting(claims, misfit, S)
+        own = next((i for i, claim in enumerate(claims) if claim is named and alone[i] > 1.0), None)
+        if own is None:
+            _refuse(path, named, off, gained, " against the other claims")
+        else:
+            _refuse(path, named, misfit[rows[own]], square[own])
     return tuple(
         ClaimFit(claim.saying, path.stops[claim.stop].middle_s(path.t), claim.stop, _length(misfit[row]), sqrt(value))
         for claim, row, value in zip(claims, rows, square, strict=True)
     )
+
+
+def _least_fitting(claims: Sequence[Claim], misfit: Array, S: Array) -> tuple[Claim, Array, float]:
+    """The claim without which chi-square falls most, its misfit against all others, m, and that fall.
+
+    In a group of several claims, the visit that they all refer to is one more suspect: its error is common to them.
+    """
+    rows, m = _rows(claims), np.eye(len(misfit))
+    suspects = [(claim, m[:, row]) for claim, row in zip(claims, rows, strict=True)]
+    for first in claims:
+        group = [m[:, row] for claim, row in zip(claims, rows, strict=True) if claim.group == first.group]
+        if first.converse and len(group) > 1 and first.other is not None:
+            suspects.append((replace(first, saying=first.converse, stop=first.other), sum(group[1:], group[0])))
+    precision = np.linalg.inv(S)
+    found = []
+    for claim, common in suspects:
+        weighted = common.T @ precision @ misfit
+        off = np.linalg.solve(common.T @ precision @ common, weighted)
+        found.append((claim, off, float(weighted @ off)))
+    return max(found, key=lambda each: each[2])
 
 
 def _refuse(path: HandPath, claim: Claim, misfit: Array, square: float, beside: str = "") -> None:

@@ -40,6 +40,7 @@ class Claim:
         own_variance, shared_variance: m2 per axis, of this claim's own noise, and of the noise that all claims of its
             `group` have in common.
         group: number of the group.
+        converse: the claim in words if the visit at `other` is the one that is off; "" if it can't be.
         differs: the misfit in words, with {} for its size.
     """
 
@@ -54,6 +55,7 @@ class Claim:
     own_variance: float
     shared_variance: float
     group: int
+    converse: str = ""
     differs: str = "it is {} off"
 
 
@@ -169,10 +171,13 @@ def _place(tool: _Tool, place: Place, group: int) -> Iterator[Claim]:
         _warn_left_out(
             f"without a calibration it is unknown where the place at {place.t[0]:.2f} s is in the hand's frame (nav)"
         )
-    at = f"is where it was at {place.t[0]:.2f} s (stop {stops[0]})"
-    for t, stop in zip(place.t[1:], stops[1:], strict=True):
-        saying = f"the tool at {t:.2f} s (stop {stop}) {at}"
-        yield tool.claim_same_point(saying, "that [[place]]", (stop, stops[0]), group, (0.5 * variance, 0.5 * variance))
+    first, *others = [f"at {t:.2f} s (stop {stop})" for t, stop in zip(place.t, stops, strict=True)]
+    entry = "that [[place]]" if len(stops) == 2 else "that time from its [[place]]"
+    variances = (0.5 * variance, 0.5 * variance)
+    for at, stop in zip(others, stops[1:], strict=True):
+        saying, converse = (f"the tool {one} is where it was {other}" for one, other in ((at, first), (first, at)))
+        claim = tool.claim_same_point(saying, entry, (stop, stops[0]), group, variances)
+        yield replace(claim, converse=converse)
 
 
 def _contacts(tool: _Tool, contacts: tuple[Contact, ...], groups: Iterator[int]) -> Iterator[Claim]:
@@ -187,7 +192,9 @@ def _contacts(tool: _Tool, contacts: tuple[Contact, ...], groups: Iterator[int])
         first, group = on_table[0], next(groups)
         at = f"on the table as at {first.t:.2f} s (stop {stops[0]})"
         for contact, stop in zip(on_table[1:], stops[1:], strict=True):
-            yield _height(tool, contact, (stop, stops[0]), at, group, shared=_variance(first))
+            claim = _height(tool, contact, (stop, stops[0]), at, group, shared=_variance(first))
+            tool_at_first = f"the tool at {first.t:.2f} s (stop {stops[0]})"
+            yield replace(claim, converse=f"{tool_at_first} is on the table as at {contact.t:.2f} s (stop {stop})")
     for contact in contacts:
         if contact.as_at is not None:
             stop, other = _different_stops(tool.path, (contact.t, contact.as_at), "a [[contact]] with its as_at_s")
@@ -205,7 +212,7 @@ def _at_table(tool: _Tool, table_height: float, contact: Contact, stop: int, gro
     x, y, _ = tool.T_base_nav.act(tool.scale * p_nav_sensor + tool.lever[stop])
     saying, entry = (
         f"the tool at {contact.t:.2f} s (stop {stop}) is on the table",
-        "that [[contact]], or say as_at_s there",
+        "that [[contact]], say as_at_s there, correct the calibration's table_height",
     )
     p_base = np.array([x, y, table_height])
     return tool.claim_at_point(saying, entry, stop, group, 2.0 * _variance(contact), p_base, UPWARDS)

@@ -197,7 +197,8 @@ SQUARE = np.array([[0.0, 0.0, 0.0], [0.2, 0.0, 0.0], [0.2, 0.0, 0.31], [0.2, 0.2
         (
             Known(contacts=(Contact(mid(2)), Contact(mid(3)))),
             "demo.toml says that the tool at 3.25 s (stop 2) is on the table, but it is 31 cm off "
-            "(sigma 1.5 cm, 21 sigma); remove that [[contact]], or say as_at_s there, or record again",
+            "(sigma 1.5 cm, 21 sigma); remove that [[contact]], say as_at_s there, correct the calibration's "
+            "table_height, or record again",
         ),
         (
             Known(contacts=(Contact(mid(3), as_at=mid(2)),)),
@@ -281,6 +282,29 @@ def test_the_claim_most_at_fault_is_the_one_that_is_named() -> None:
         apply_constraints(path, Known(places=pairs))
     assert caught.value.fields["stop"] == 3
     assert caught.value.fields["t"] == pytest.approx(mid(3), abs=0.03)  # the middle is between two rows
+
+
+@pytest.mark.parametrize("off", [1, 2, 3])
+@pytest.mark.parametrize(
+    ("known", "saying", "remedy"),
+    [
+        (Known(places=(Place((mid(1), mid(2), mid(3))),)), "where it was", "that time from its [[place]]"),
+        (Known(contacts=tuple(Contact(mid(k)) for k in (1, 2, 3))), "on the table as", "that [[contact]]"),
+    ],
+    ids=["place", "table"],
+)
+def test_the_visit_that_is_off_is_named_also_if_it_comes_first(
+    off: int, known: Known, saying: str, remedy: str
+) -> None:
+    """All claims of a group refer to its first visit: if that one is off, each of them is."""
+    p_stop = np.zeros((4, 3))
+    p_stop[off, 2] = 0.1
+    path = hand_path(p_stop, np.tile(0.005**2 * np.eye(3), (3, 1, 1)))
+    with pytest.raises(TrackingError) as caught:
+        apply_constraints(path, known)
+    assert f"(stop {off}) is {saying} at {mid(2 if off == 1 else 1):.2f} s" in caught.value.message
+    assert f"; remove {remedy}, or record again" in caught.value.message
+    assert caught.value.fields["stop"] == off
 
 
 @pytest.mark.parametrize(
