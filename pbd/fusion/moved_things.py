@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pbd.fusion.matching import MATCH_M, TURN_LEVER_M, Keyframes, Registration, may_match, register
-from pbd.pose import lengths, matrix_log
+from pbd.pose import Array, lengths, matrix_log
 from pbd.tracking.stop_constraints import PLACE_SIGMA_M
 
 Index = NDArray[np.intp]
@@ -70,22 +70,26 @@ def find_moved_keyframes(takes: Sequence[Keyframes]) -> MovedKeyframes | None:
     count, ref = usual[0], takes[reference]
     everything = np.arange(count)
     together = {k: _misfit_in_frames(ref, takes[k], everything, everything[:0])[0] for k in others}
-    if sum(max(_gain(misfit, 0.0, count), 0.0) for misfit in together.values()) < LEAST_GAIN:
+    if sum(max(_gain(misfit, np.zeros(2), count), 0.0) for misfit in together.values()) < LEAST_GAIN:
         return None  # no run can gain enough, even if it left no misfit
     best: MovedKeyframes | None = None
     for first, end in combinations(range(1, count + 1), 2):
         run, rest = everything[first:end], np.r_[0:first, end:count]
         if len(rest) < LEAST_OTHERS:
             continue
-        gain, registered, back, at = 0.0, dict[int, Registration](), dict[int, Registration](), run.tolist()
-        for k in others:
-            misfit, registered[k], second = _misfit_in_frames(ref, takes[k], rest, run)
-            gained = _gain(together[k], misfit, count)
+        apart = {k: _misfit_in_frames(ref, takes[k], rest, run) for k in others}
+        # A hand may scatter by more than it was taken to: as the takes show, but for the half that fits worst.
+        scatter = np.quantile([misfit for misfit, _, _ in apart.values()], 0.5, axis=0, method="lower") / (3 * count)
+        scatter = np.maximum(scatter, 1.0)
+        gain, back, at = 0.0, dict[int, Registration](), run.tolist()
+        for k, (misfit, _, second) in apart.items():
+            gained = _gain(together[k] / scatter, misfit / scatter, count)
             # In a take of another task, or in another order, the keyframes are not the object's even if put back.
             if gained > 0.0 and may_match(ref[at], second.apply(takes[k])[at]).all():
                 gain, back[k] = gain + gained, second
         if gain < (LEAST_GAIN if best is None else best.gain):
             continue
+        registered = {k: first_frame for k, (_, first_frame, _) in apart.items()}
         places = {k: one.apply(takes[k]).p[run] for k, one in registered.items()} | {reference: ref.p[run]}
         shifts = np.array([places[k] - ref.p[run] for k in back])
         far, every = lengths(shifts) > MATCH_M, np.array(list(places.values()))
@@ -118,31 +122,31 @@ def another_thing(moved: MovedKeyframes, takes: Sequence[Keyframes]) -> str:
     )
 
 
-def _gain(together: float, apart: float, count: int) -> float:
+def _gain(together: Array, apart: Array, count: int) -> float:
     """Return one take's log likelihood ratio minus the penalty for the additional frame, which has four unknowns.
 
     Source: G. Schwarz, Estimating the dimension of a model, Annals of Statistics 6 (1978).
 
     Args:
-        together, apart: misfits of both hypotheses, in squared sigmas.
+        together, apart: misfits (2,) of both hypotheses in position and attitude, in squared sigmas.
         count: number of keyframes.
     """
     rows = 6 * count
-    return float(0.5 * rows * np.log(max(together, rows) / max(apart, rows)) - 2.0 * np.log(rows))
+    return float(0.5 * rows * np.log(max(together.sum(), rows) / max(apart.sum(), rows)) - 2.0 * np.log(rows))
 
 
 def _misfit_in_frames(
     ref: Keyframes, other: Keyframes, rest: Index, run: Index
-) -> tuple[float, Registration, Registration]:
-    """Return the misfit in squared sigmas, and the maps of the rest and of the run, each in a frame of its own."""
+) -> tuple[Array, Registration, Registration]:
+    """Return the misfit (2,) in position and attitude, in squared sigmas, and the maps of the rest and of the run."""
     first = second = register(ref, other, [(i, i) for i in rest.tolist()])
     if len(run):
         second = register(ref, first.apply(other), [(i, i) for i in run.tolist()], in_hand=False).after(first)
-    square = 0.0
+    square = np.zeros(2)
     for one, at in ((first, rest), (second, run)):
         moved = one.apply(other)
         off = lengths(moved.p[at] - ref.p[at]) ** 2
         turn = lengths(matrix_log(moved.R[at] @ ref.R[at].transpose(0, 2, 1))) ** 2
         variance = PLACE_SIGMA_M**2 + ref.sigma[at] ** 2 + other.sigma[at] ** 2
-        square += float(((off + TURN_LEVER_M**2 * turn) / variance).sum())
+        square += (np.array((off, TURN_LEVER_M**2 * turn)) / variance).sum(axis=1)
     return square, first, second

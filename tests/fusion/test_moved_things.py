@@ -87,6 +87,17 @@ def test_a_thing_of_two_keyframes_that_moved_in_one_of_three_takes() -> None:
     assert (moved.first, moved.last, set(moved.back)) == (3, 4, {1})
 
 
+@pytest.mark.parametrize("seed", [0, 18])
+def test_a_very_unsteady_hand_moves_no_thing(seed: int) -> None:
+    """It scatters by 8 mm, the tracker by 2 mm: runs of keyframes seem to move together by chance."""
+    task, rng = truth(1), np.random.default_rng(seed)
+    takes = []
+    for _ in range(4):
+        p, R = task.m + 8e-3 * rng.normal(size=(6, 3)), rotations(0.03 * rng.normal(size=(6, 3))) @ task.A
+        takes.append(Keyframes(p, R, (None,) * 6, np.full(6, 2e-3)))
+    assert find_moved_keyframes(takes) is None
+
+
 def test_two_keyframes_in_the_other_order_are_no_thing_that_moved() -> None:
     """A half turn about the vertical between them brings their places together, but not their attitudes."""
     takes = shown(0.0 * ELSEWHERE)
