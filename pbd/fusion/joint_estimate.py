@@ -30,8 +30,8 @@ hand's width. Without a bound, differing takes get levers of metres: a tilt of t
 DAMPING = 0.01
 """Damping (1/m2, 1/rad2) of all unknowns but the devices' errors, so that no matrix is singular."""
 
-MAX_ITERATIONS, CONVERGED, CONVERGED_LOG = 25, 1e-6, 0.01
-"""Gauss-Newton: largest number of iterations; largest last step of the keyframes (m, rad) and of the scatter's
+MAX_ITERATIONS, CONVERGED, CONVERGED_LOG = 25, 1e-3, 0.01
+"""Gauss-Newton: largest number of iterations; largest last fall of chi-square, and last change of the scatter's
 logarithms."""
 
 
@@ -133,8 +133,13 @@ class JointEstimate:
         return np.array([weighted[i] @ np.linalg.solve(self.precision[np.ix_(i, i)], weighted[i]) for i in sets])
 
 
-def estimate_jointly(observations: Observations, x: TaskState, scatter: Scatter) -> JointEstimate:
-    """Estimate all unknowns by Gauss-Newton; each iteration also improves the scatter by its marginal likelihood."""
+def estimate_jointly(
+    observations: Observations, x: TaskState, scatter: Scatter, iterations: int = MAX_ITERATIONS
+) -> JointEstimate:
+    """Estimate all unknowns by Gauss-Newton; each iteration also improves the scatter by its marginal likelihood.
+
+    From an estimate with another scatter, one iteration suffices if the scatter is held fixed.
+    """
     takes, devices = len(observations.marginals), len(x.devices)
     columns = _Columns(len(x.m), len(x.yaw), takes, devices)
     group = scatter.group[observations.at].ravel()
@@ -146,8 +151,8 @@ def estimate_jointly(observations: Observations, x: TaskState, scatter: Scatter)
     of_devices = slice(columns.devices, columns.count)
     of_takes = columns.take(np.arange(1, takes))[:, None]
     turns, levers = of_takes + np.arange(3), (of_takes + np.arange(3, 6)).ravel()
-    lever_variance = LEVER_M**2
-    for _ in range(MAX_ITERATIONS):
+    lever_variance = _lever_variance(float((x.lever**2).sum()) + len(levers) * LEVER_M**2, len(levers))
+    for _ in range(iterations):
         r, J = _residuals(observations, x, columns)
         W, WJ, tracking = np.zeros((len(r), len(r))), np.empty_like(J), np.zeros((len(r), len(r)))
         hand = scatter.sigma[observations.at].ravel() ** 2
@@ -165,16 +170,20 @@ def estimate_jointly(observations: Observations, x: TaskState, scatter: Scatter)
         weighted = W @ (r + J @ step)
         x = _updated(x, step, columns)
         square = float((x.lever**2).sum() + np.diagonal(cov)[levers].sum())
-        lever_variance = (square + LEVER_FREEDOM * LEVER_M**2) / (len(levers) + LEVER_FREEDOM)
-        lever_variance = min(lever_variance, LARGEST_LEVER_M**2)
+        lever_variance = _lever_variance(square, len(levers))
         before, scatter = scatter, scatter.improved(precision, weighted, group, tracking)
-        if np.abs(step[columns.poses]).max() < CONVERGED and scatter.change(before) < CONVERGED_LOG:
+        if -gradient @ step < CONVERGED and scatter.change(before) < CONVERGED_LOG:
             break
     turn_sigma = np.zeros(takes)  # relative to the first take, so 0 there
     turn_sigma[1:] = np.sqrt(np.linalg.eigvalsh(cov[turns[:, :, None], turns[:, None]])[:, -1])
     cov_devices = np.array([cov[columns.device(d), columns.device(d)] for d in range(devices)])
     cov_poses = cov[columns.poses, columns.poses]
     return JointEstimate(x, cov_poses, scatter, r + J @ step, precision, cov_devices, turn_sigma)
+
+
+def _lever_variance(square: float, count: int) -> float:
+    """Return the variance (m2) of `count` components of levers with this sum of expected squares (m2)."""
+    return min((square + LEVER_FREEDOM * LEVER_M**2) / (count + LEVER_FREEDOM), LARGEST_LEVER_M**2)
 
 
 def _in_task_frame(observations: Observations, covs: Sequence[Array], Rz: Array) -> Iterator[Array]:
@@ -256,7 +265,7 @@ def _residuals(observations: Observations, x: TaskState, columns: _Columns) -> t
         """Set derivatives (w, 3, c) of residuals `which` (w,), from `row` on, by the unknowns from `first` (w,) on."""
         J[which[:, None, None], row + np.arange(3)[:, None], first[:, None, None] + np.arange(block.shape[2])] = block
 
-    every, later = np.arange(count), np.flatnonzero(take)  # later: not of the first take
+    every, later = np.arange(count), np.flatnonzero(take != take[0])  # later: not of the first take that is left
     one, up = np.eye(3)[None], np.array((0.0, 0.0, 1.0))
     put(every, 0, 6 * at, -one)
     put(every, 0, 6 * at + 3, skew(lever))

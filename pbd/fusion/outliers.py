@@ -101,7 +101,7 @@ def _worst(observations: Observations, joint: JointEstimate, rows: NDArray[np.in
 
     The estimated scatter can't show it: the dock has a scatter of its own, and an outlier there raises it.
     """
-    usual = estimate_jointly(observations, joint.state, _held(common_scatter(len(joint.state.m))))
+    usual = estimate_jointly(observations, joint.state, _held(common_scatter(len(joint.state.m))), iterations=1)
     return int(np.argmax(usual.chi_squares(list(rows))))
 
 
@@ -117,7 +117,7 @@ def _is_outlier(
     prior = replace(common_scatter(len(joint.state.m)), log=joint.scatter.log)
     without = estimate_jointly(rest, joint.state, prior).scatter
     raised = _held(replace(without, log=without.log + RAISED_SIGMAS * without.log_sigma))
-    again = estimate_jointly(observations, joint.state, raised)
+    again = estimate_jointly(observations, joint.state, raised, iterations=1)
     position, attitude = rows.reshape(-1, 2, 3).swapaxes(0, 1).reshape(2, -1)
     limit = chdtri(len(position), 0.5 * FALSE_ALARM_CHANCE / tests)
     return bool((again.chi_squares([position, attitude]) > limit).any())

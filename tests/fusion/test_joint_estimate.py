@@ -6,7 +6,15 @@ import numpy as np
 import pytest
 from scipy.special import chdtrc
 
-from pbd.fusion.joint_estimate import Observations, TaskState, _Columns, _residuals, _updated, estimate_jointly
+from pbd.fusion.joint_estimate import (
+    MAX_ITERATIONS,
+    Observations,
+    TaskState,
+    _Columns,
+    _residuals,
+    _updated,
+    estimate_jointly,
+)
 from pbd.fusion.marginals import DEVICE_ERRORS
 from pbd.fusion.outliers import disagreement, outlying_take, without_outlying_keyframes
 from pbd.fusion.scatter import common_scatter, keyframe_scatter
@@ -45,6 +53,27 @@ def test_frames_levers_and_rotations_in_the_hand_are_found() -> None:
     np.testing.assert_allclose(found.A, true.A, atol=1e-3)
     np.testing.assert_allclose(found.lever, true.lever, atol=2e-4)
     np.testing.assert_allclose(found.Q, true.Q, atol=1e-3)
+
+
+def test_without_the_first_take_the_frame_stays() -> None:
+    """A tracker less certain along one axis: nothing but the first take that is left keeps all from turning on."""
+    true, uneven = truth(4), np.tile((1.0, 5.0, 1.0), 12)
+    takes = observations(true, np.array(2.0 * MM), MM)
+    marginals = tuple(replace(one, cov=one.cov * np.outer(uneven, uneven)) for one in takes.marginals)
+    takes = replace(takes, marginals=marginals)
+    x = estimate_jointly(takes, initial_state(true), common_scatter(6)).state
+    rest = estimate_jointly(takes.subset(takes.take > 0), x, common_scatter(6)).state
+    np.testing.assert_allclose(rest.A, x.A, atol=0.05)
+
+
+def test_one_iteration_suffices_for_another_scatter_held_fixed() -> None:
+    true = truth(4)
+    takes = observations(true, np.array(2.0 * MM), MM)
+    joint = estimate_jointly(takes, initial_state(true), common_scatter(6))
+    held = replace(joint.scatter, prior_log=joint.scatter.log, prior_spread=np.full(4, 1e-3))
+    sets = list(np.arange(6 * len(takes.at)).reshape(-1, 6))
+    one, all_ = (estimate_jointly(takes, joint.state, held, n).chi_squares(sets) for n in (1, MAX_ITERATIONS))
+    np.testing.assert_allclose(one, all_, rtol=0.1)
 
 
 @pytest.mark.parametrize(("hand", "sigma", "low", "high"), [(4.0, 1.0, 3.2, 4.8), (0.0, 4.0, 0.0, 1.6)])
