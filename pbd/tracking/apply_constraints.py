@@ -160,7 +160,7 @@ def _least_fitting(claims: Sequence[Claim], misfit: Array, S: Array) -> tuple[Cl
     found = []
     for claim, common in suspects:
         weighted = common.T @ precision @ misfit
-        off = np.linalg.solve(common.T @ precision @ common, weighted)
+        off: Array = np.asarray(np.linalg.solve(common.T @ precision @ common, weighted), dtype=np.float64)
         found.append((claim, off, float(weighted @ off)))
     return max(found, key=lambda each: each[2])
 
