@@ -65,6 +65,10 @@ DRIFT_RATIO = 0.5
 """Largest mean square successive difference of the blocks' least delays, as a share of their variance, where the rate
 changes: it is 2 where they are random (J. von Neumann, 1941)."""
 
+MAX_DRIFT = 0.2
+"""Largest change of the rate, as a share: an untrimmed oscillator is off by a tenth at most. Where a reading stays for
+more than one interval, so that rows are missing, the rate seems to change by more."""
+
 DRIFT_ROUNDS = 6
 """Largest number of times that losses are counted anew with the changed rate: five suffice at 10 %."""
 
@@ -110,7 +114,7 @@ def straighten(arrival: Array, burst_s: float = LONGEST_BURST_S, complete: bool 
 def _drift(delay: Array, block: int, interval: float) -> Array:
     """Return how the least delayed of the delays (n,) s rise and fall, (n,) s; zeros if they don't do so slowly.
 
-    No change of the rate makes the time, of `interval` s a sample, run backwards.
+    `interval`: s, between two samples.
     """
     starts = range(0, len(delay), 2 * block)
     if len(starts) < FEWEST_DRIFT_BLOCKS:
@@ -121,7 +125,7 @@ def _drift(delay: Array, block: int, interval: float) -> Array:
     steps, bend = np.diff(least), least - np.polyval(np.polyfit(rows, least, 1), rows)
     far = np.ptp(bend) >= max(LEAST_DRIFT_S, DRIFT_JITTERS * usual)
     slopes = steps / np.diff(rows)
-    if not far or (steps**2).mean() > DRIFT_RATIO * least.var() or slopes.min() <= -interval:
+    if not far or (steps**2).mean() > DRIFT_RATIO * least.var() or np.abs(slopes).max() > MAX_DRIFT * interval:
         return np.zeros(len(delay))
     last = len(delay) - 1
     ends = least[0] - slopes[0] * rows[0], least[-1] + slopes[-1] * (last - rows[-1])
