@@ -11,6 +11,7 @@ from pbd.record.session_types import ENDED_BY, Command, Outcome, RecordOptions, 
 from pbd.sensors.decoding import Decoder
 from pbd.sensors.probe import describe_bytes, identify_protocol
 from pbd.sensors.reader import Reader, Source
+from pbd.tracking.repair.clock import CLOCK_JUMP_S
 
 SILENT_S = 3.0
 """Time without a byte after which a serial device counts as unplugged or switched off, s. A phone gets longer."""
@@ -98,6 +99,8 @@ def _run(session: Session, reader: Reader, poll: Poll, show: Callable[[Status], 
         pieces, gone = reader.take()
         stopped_s = watch.suspended_s()
         now = watch.now
+        if session.demo is not None and _is_over(session, reader, pieces[0][1] if pieces else now):
+            return f"no sample for {CLOCK_JUMP_S:g} s"
         if stopped_s:
             session.warn(f"this program was suspended for {stopped_s:.1f} s: samples of that time may be lost")
         elif pieces and now - pieces[0][1] > MAX_BACKLOG_S and not behind:
@@ -169,13 +172,19 @@ class _SuspendDetector:
 
 def _wait_for_port(session: Session, reader: Reader, poll: Poll, show: Callable[[Status], None]) -> Command | None:
     reader.close()
-    while not reader.reopen():
-        show(session.status())
+    waiting = f"waiting for {reader.port.device}"
+    while not (_is_over(session, reader, time.monotonic()) or reader.reopen()):
+        show(replace(session.status(), waiting=waiting))
         command = poll()
         if command in ENDED_BY:
             return command
         time.sleep(REOPEN_EVERY_S)
     return None
+
+
+def _is_over(session: Session, reader: Reader, now: float) -> bool:
+    """Whether the gap up to now is longer than any that can be tracked. A phone keeps the samples of a gap."""
+    return reader.port.patience_s is None and now - session.heard > CLOCK_JUMP_S
 
 
 def _no_samples_error(session: Session, reader: Reader) -> SensorError:

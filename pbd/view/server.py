@@ -6,6 +6,7 @@ The server runs in its own thread and ends with the program. Drawing never waits
 from __future__ import annotations
 
 import asyncio
+import os
 import sys
 import threading
 import webbrowser
@@ -181,5 +182,12 @@ def show_replay(scene: ReplayScene, open_browser: bool = True) -> None:
 def invite(words: str, url: str, open_browser: bool) -> None:
     """Print a page's address on stderr, and open it in the user's browser if wanted."""
     print(words, file=sys.stderr, flush=True)
-    if open_browser and not webbrowser.open(url, new=2):
+    if open_browser and (_is_text_browser() or not webbrowser.open(url, new=2)):
         print("no browser found; open the address yourself", file=sys.stderr, flush=True)
+
+
+def _is_text_browser() -> bool:
+    """Whether the browser, which the user did not choose, is a program such as lynx: it waits in this terminal."""
+    with suppress(webbrowser.Error):
+        return "BROWSER" not in os.environ and type(webbrowser.get()) is webbrowser.GenericBrowser
+    return False

@@ -369,6 +369,25 @@ def test_a_person_is_heard_while_an_unplugged_sensor_is_waited_for(
     assert (tmp_path / "tea").exists() == (command is Command.END)
 
 
+def test_a_sensor_that_stays_away_ends_the_recording_and_meanwhile_is_not_said_to_move(
+    tmp_path: Path, pouring: Recording, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """After a longer gap nothing could be tracked, and the page said "moving" for as long as it lasted."""
+    monkeypatch.setattr(loop, "CLOCK_JUMP_S", 0.5)
+    person = Watched()
+    with Emulator(pouring) as sensor:
+        threading.Timer(0.6, sensor.unplug).start()
+        outcome = record(
+            lambda: open_port(sensor.device, 115200),
+            protocol("ximu3").decoder(),
+            options(tmp_path / "tea", reconnect=True),
+            person.poll,
+            person.shown.append,
+        )
+    assert outcome.ended_by == "no sample for 0.5 s"
+    assert f"waiting for {sensor.device}" in [status.waiting for status in person.shown]
+
+
 def test_a_moment_is_recorded_too(tmp_path: Path, pouring: Recording) -> None:
     outcome = recorded(pouring, Watched(), options(tmp_path / "tea", duration_s=0.1))
     got = read_demo(tmp_path / "tea").recording

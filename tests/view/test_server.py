@@ -213,3 +213,22 @@ def test_the_browser_is_opened_or_not(
     url = re.findall(r"replay at (http://\S+) \(Ctrl-C ends it\)", err)
     assert opened == (url if wanted else [])
     assert url
+
+
+@pytest.mark.parametrize(("chosen", "opened"), [(None, False), ("%s", True)])
+def test_a_text_browser_opens_only_if_chosen(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, chosen: str | None, opened: bool
+) -> None:
+    """lynx over ssh took the terminal, and nothing was recorded until it ended."""
+    lynx = tmp_path / "lynx"
+    lynx.write_text('#!/bin/sh\necho "$1" > "$0.opened"\n')
+    lynx.chmod(0o755)
+    for name in ("DISPLAY", "WAYLAND_DISPLAY", "BROWSER"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv("PATH", str(tmp_path))
+    if chosen is not None:
+        monkeypatch.setenv("BROWSER", chosen.replace("%s", f"{lynx} %s"))
+    monkeypatch.setattr("webbrowser._tryorder", None)
+    monkeypatch.setattr("webbrowser._browsers", {})
+    invite("live view", "http://127.0.0.1:1/pbd", open_browser=True)
+    assert (tmp_path / "lynx.opened").exists() == opened
