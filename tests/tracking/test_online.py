@@ -463,6 +463,12 @@ def test_stops_end_and_keyframes_become_final() -> None:
         assert keyframe.dwell_s > event.keyframe.dwell_s
 
 
+def test_the_keyframe_of_a_stop_is_made_once() -> None:
+    """A recording asks for all of them ten times a second or more: after 70 stops that took 15 % of its time."""
+    tracker, _ = poured("modern", SEEDS[0])
+    assert all(again is keyframe for again, keyframe in zip(tracker.keyframes, tracker.keyframes, strict=True))
+
+
 def test_a_sensor_put_down_that_bounces_makes_one_stop() -> None:
     up, down = (0.0, 0.0, 0.15), (0.2, 0.0, 0.0)
     bounce = (Waypoint(down, move_s=0.8, rest_s=0.3), Waypoint((0.2, 0.0, 0.012), move_s=0.2, rest_s=1.0))

@@ -3,6 +3,7 @@
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -44,7 +45,7 @@ class LiveStop:
         """The stop in rows."""
         return Stop(self.first.row, self.last.row + 1, self.last.t - self.first.t)
 
-    @property
+    @cached_property  # a recording asks for those of all stops twenty times a second
     def keyframe(self) -> Keyframe:
         """The keyframe in nav."""
         return Keyframe(0.5 * (self.first.t + self.last.t), self.last.t - self.first.t, self.pose, self.cov)
