@@ -342,6 +342,17 @@ def test_a_reading_that_is_repeated_takes_an_interval(batch_s: float) -> None:
     assert (clock.lost, clock.doubted) == (0, 0)
 
 
+def test_a_late_packet_beside_a_repeated_reading_does_not_decide_for_good() -> None:
+    """It looks as if the second had come twice; later ones tell. The first verdict held, and each lost its interval."""
+    true = np.arange(2000) / HZ
+    arrival = true.copy()
+    arrival[50] = arrival[51]
+    repeated = np.arange(2000) % 100 == 51
+    clock = clocked(np.cumsum(~repeated).tolist(), arrival)
+    assert clock.straightened == pytest.approx(true, abs=1e-3)
+    assert (clock.lost, clock.doubted) == (0, 0)
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_a_loss_in_most_blocks_does_not_lengthen_the_interval(seed: int) -> None:
     """Of 16 samples in turn usually one is lost: the interval was 6 % too long."""

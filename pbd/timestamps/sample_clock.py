@@ -134,7 +134,7 @@ class SampleClock(Generic[T]):
 
     def _is_doubled(self, sample: T, arrival: float) -> bool:
         self._repeats.append(bool(self._latest_group) and sample == self._latest_group[0])
-        if self._repeats[-1] and not self._came_twice and arrival >= self._next_look:
+        if arrival >= self._next_look:  # again and again: little evidence may mislead
             self._next_look = arrival + DOUBLED_EVERY_S
             latest = slice(-DOUBLED_SAMPLES, None)
             self._came_twice = came_twice(np.array(self.times[latest]), np.array(self._repeats[latest]))
@@ -159,7 +159,7 @@ class SampleClock(Generic[T]):
             self.lost = count_missing(times)
         else:
             repeats = np.array(self._repeats, dtype=bool)
-            new = ~(repeats & (self._came_twice or came_twice(times, repeats)))
+            new = ~(repeats & came_twice(times, repeats))
             self.doubted = int((~new).sum())
             even, self.lost = straighten(times[new])
             self.straightened = even[np.cumsum(new) - 1]
