@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from pbd.data.streams import Stream, joined
 from pbd.errors import PbdWarning
 from pbd.pose import Array
+from pbd.timestamps.doubled_packets import came_twice
 from pbd.timestamps.sample_clock import SampleClock, count_missing
 from pbd.timestamps.stamper import Stamper
 from pbd.timestamps.straighten import straighten
@@ -59,6 +60,27 @@ def test_a_device_that_begins_anew_goes_on_by_the_hosts_clock() -> None:
     arrivals = [k / HZ for k in range(50)] + [2.0 + k / HZ for k in range(50)]
     got, _ = taken(times, arrivals)
     assert got == pytest.approx(arrivals)
+
+
+def test_a_device_that_begins_anew_on_a_busy_host_goes_on_an_interval_later() -> None:
+    """All samples arrive at once, so the host's clock shows no time between them."""
+    got, _ = taken(steady(50) + steady(50, start=0.2), [1.0] * 100)
+    assert np.diff(got) == pytest.approx(1.0 / HZ)
+
+
+def test_a_clock_that_runs_fast_keeps_its_own_time_over_a_long_gap() -> None:
+    """By a twentieth, for 20 s."""
+    times = steady(50) + steady(50, start=7.5 + 21.0)
+    got, clock = taken(times, [k / HZ for k in range(50)] + [20.5 + k / HZ for k in range(50)])
+    assert got == pytest.approx(np.subtract(times, 7.0))
+    assert clock.doubted == 0
+
+
+def test_times_that_jitter_by_a_third_of_the_interval_cost_no_sample() -> None:
+    times = 7.0 + (np.arange(500) + np.random.default_rng(0).uniform(-0.33, 0.33, 500)) / HZ
+    got, clock = taken(times.tolist())
+    assert len(got) == 500
+    assert clock.doubted == 0
 
 
 def test_a_gap_stays_a_gap() -> None:
@@ -115,7 +137,7 @@ def test_what_is_lost_is_counted(seed: int, share: float, hz: float) -> None:
     rng = np.random.default_rng(seed)
     kept = rng.random(500) >= share
     kept[[0, -1]] = True
-    t = (np.arange(500) + rng.uniform(-0.1, 0.1, 500)) / hz
+    t = (np.arange(500) + rng.uniform(-0.19, 0.19, 500)) / hz
     assert count_missing(t[kept]) == 500 - kept.sum()
 
 
@@ -311,16 +333,17 @@ def clocked(values: list[int], arrivals: Array) -> SampleClock[int]:
 
 @pytest.mark.parametrize("late_s", [0.0, 0.007])  # at once, or after the time that its bytes take on a slow line
 @pytest.mark.parametrize("batch_s", [0.0, 0.2])
-def test_a_packet_that_comes_twice_has_the_time_of_the_first(late_s: float, batch_s: float) -> None:
+@pytest.mark.parametrize("lost", [0, 100])  # soon after the start, as the link was away for a second
+def test_a_packet_that_comes_twice_has_the_time_of_the_first(late_s: float, batch_s: float, lost: int) -> None:
     """One in 20 does. Each took an interval: the keyframes were off by metres."""
-    rng, true = np.random.default_rng(0), np.arange(2000)
-    sent = np.repeat(true, np.where(rng.random(2000) < 0.05, 2, 1))
+    rng, true = np.random.default_rng(0), np.delete(np.arange(900 + lost), np.arange(41, 41 + lost))
+    sent = np.repeat(true, np.where(rng.random(900) < 0.05, 2, 1))
     again = np.append(False, sent[1:] == sent[:-1])
     arrival = sent / HZ if not batch_s else np.ceil(sent / HZ / batch_s) * batch_s
     clock = clocked(sent.tolist(), arrival + late_s * again)
     assert clock.straightened is not None
     assert clock.straightened - clock.straightened[-1] == pytest.approx((sent - sent[-1]) / HZ, abs=1e-3)
-    assert (clock.lost, clock.doubted) == (0, again.sum())
+    assert (clock.lost, clock.doubted) == (lost, again.sum())
 
 
 def test_what_comes_twice_has_the_time_of_the_first_while_it_is_recorded() -> None:
@@ -351,6 +374,15 @@ def test_a_late_packet_beside_a_repeated_reading_does_not_decide_for_good() -> N
     clock = clocked(np.cumsum(~repeated).tolist(), arrival)
     assert clock.straightened == pytest.approx(true, abs=1e-3)
     assert (clock.lost, clock.doubted) == (0, 0)
+
+
+@pytest.mark.parametrize("batch", [1, 20])
+def test_a_few_readings_that_happen_to_be_repeated_are_no_packets_that_came_twice(batch: int) -> None:
+    """Jitter of a third of the interval may look as if they took no time. A clock asks four times a second."""
+    for seed in range(400):
+        rng = np.random.default_rng(seed)
+        arrival = np.maximum.accumulate(np.arange(300) // batch * batch / HZ + rng.exponential(0.003, 300))
+        assert not came_twice(arrival, np.append(False, rng.random(299) < 0.01))
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pbd.pose import Array
-from pbd.timestamps.straighten import LITTLE_JITTER, WITHIN_BATCH
+from pbd.timestamps.straighten import WITHIN_BATCH
 
 CHANCE = 1e-5
 """Largest ratio of the likelihoods of repeated readings and of packets that came twice, if the latter are believed."""
@@ -26,7 +26,7 @@ def came_twice(arrival: Array, repeats: NDArray[np.bool_]) -> bool:
         repeats: (n,) whether all readings of a sample are those of the sample before.
     """
     new = np.flatnonzero(~repeats)
-    if not repeats.any() or len(new) < 2:
+    if len(new) < 2:
         return False
     steps = np.diff(arrival[new])
     ends = np.flatnonzero(steps > WITHIN_BATCH * steps.mean())
@@ -37,6 +37,5 @@ def came_twice(arrival: Array, repeats: NDArray[np.bool_]) -> bool:
         return False
     intervals = spans.sum() / counts.sum(axis=1)
     misfits = (spans - intervals[:, None] * counts) ** 2
-    # Gaussian delays: the log-likelihood of each hypothesis is its misfit over twice the variance.
-    variance = max(float(misfits[0].mean()), (LITTLE_JITTER * float(intervals[1])) ** 2)
-    return bool((misfits[0] - misfits[1]).sum() > -2.0 * log(CHANCE) * variance)
+    # Gaussian delays: the log-likelihood of each hypothesis is its misfit over twice the variance, that of repeats.
+    return bool((misfits[0] - misfits[1]).sum() > -2.0 * log(CHANCE) * misfits[0].mean())

@@ -113,6 +113,16 @@ def test_a_table_may_shake_by_a_tenth_of_a_metre_per_second_squared_or_a_degree_
             assert len(find_rests(Recording(np.arange(300) / 100.0, read["acc"], read["gyr"]))) == 1
 
 
+@pytest.mark.parametrize(("shake", "most"), [("acc", 0.02), ("gyr", np.radians(0.1))])
+def test_a_very_quiet_sensor_may_shake_a_little_on_its_table_after_a_rest_without_any(shake: str, most: float) -> None:
+    """By a fiftieth of a metre per second squared or a tenth of a degree per second, as when someone walks by."""
+    for rms, still in ((0.9 * most, True), (1.1 * most, False)):
+        read = {"acc": np.tile((0.0, 0.0, GRAVITY), (1000, 1)), "gyr": np.zeros((1000, 3))}
+        read[shake][500:] += rms * np.sqrt(2.0 / 3.0) * np.sin(0.2 * np.pi * np.arange(500))[:, None]
+        (stop,) = find_rests(Recording(np.arange(1000) / 100.0, read["acc"], read["gyr"])).stop
+        assert (stop > 900) == still
+
+
 @pytest.mark.parametrize("step", [0.04, 0.08])  # m/s2: 4 and 8 mg, of ten bits and of eight over 2 g
 def test_rests_in_which_coarse_readings_alternate_are_found(rests: Rests, step: float) -> None:
     quiet = replace(BAD, acc=replace(BAD.acc, noise=0.001, step=step))
@@ -356,6 +366,19 @@ def test_four_rests_tell_how_sure_a_magnetic_heading_is() -> None:
     at_rest = 19.5 * np.roll(up, 1, axis=1) - 44.0 * up
     fit = fit_magnetometer(sphere, replace(accelerometer_rests(9.81 * up), mag=at_rest, mag_noise=0.1), up)
     assert fit.heading < 0.01
+
+
+def test_three_rests_that_lean_five_degrees_do_not_turn_a_magnetometers_axes() -> None:
+    """Dips that are off by half a degree would turn them by 30 degrees."""
+    lean = np.radians(5.0)
+    up = np.array([[0.0, 0.0, 1.0], [np.sin(lean), 0.0, np.cos(lean)], [0.0, np.sin(lean), np.cos(lean)]])
+    directions = np.random.default_rng(0).normal(size=(500, 3))
+    sphere = 48.0 * directions / np.linalg.norm(directions, axis=1, keepdims=True)
+    north = np.cross(up, (1.0, 1.0, 0.0))
+    north /= np.linalg.norm(north, axis=1, keepdims=True)
+    at_rest = 19.5 * north + (-44.0 + 0.3 * np.array([[0.0], [1.0], [-1.0]])) * up  # uT
+    fit = fit_magnetometer(sphere, replace(accelerometer_rests(9.81 * up), mag=at_rest, mag_noise=0.1), up)
+    assert fit.axes_turn < np.radians(3.0)
 
 
 def _spherical(radius: float, turn: Array, tilt: Array) -> tuple[Array, Array, Array]:

@@ -29,7 +29,7 @@ from pbd.pose import (
 from pbd.simulation.simulate import simulate
 from pbd.simulation.tasks import random_task
 from pbd.tracking.estimate import estimate
-from pbd.tracking.first_rest import STILL_ACC, STILL_GYR, find_rest, restlessness
+from pbd.tracking.first_rest import STILL_ACC, STILL_GYR, Rest, find_rest, restlessness
 from pbd.tracking.keyframes import find_keyframes, find_segments
 from pbd.tracking.moving_windows import rows_of_mean, white_noise_variance
 from pbd.tracking.noise import FACTORY, Noise, _bends, noise_of
@@ -307,3 +307,7 @@ def test_an_axis_that_always_reads_the_same_says_nothing_of_the_step() -> None:
 def test_a_hand_at_the_limit_of_either_sensor_is_as_restless() -> None:
     assert restlessness(STILL_ACC**2, 0.0) == pytest.approx(1.0)
     assert restlessness(0.0, STILL_GYR**2) == pytest.approx(1.0)
+    for acc, gyr in ((STILL_ACC, 0.0), (0.0, STILL_GYR)):
+        assert Rest(0, 1, GRAVITY, acc**2, gyr**2, np.zeros(3), np.array([0.0, 0.0, 1.0])).restless == pytest.approx(
+            1.0
+        )

@@ -16,6 +16,7 @@ from pbd.pipeline import track
 from pbd.pose import Array
 from pbd.simulation.simulate import SENSOR_MODELS
 from pbd.timestamps.even_times import batched_interval
+from pbd.tracking.online.sample_repair import JUDGED_ROWS
 from pbd.tracking.keyframes import find_keyframes
 from pbd.tracking.repair.clock import even_stamps, with_checked_times
 from pbd.tracking.repair.repair_recording import repair_recording
@@ -145,12 +146,15 @@ def test_arrival_times_of_a_busy_host_are_replaced(mean_ms: float, lost: float) 
 
 
 @pytest.mark.parametrize(("lasts", "uneven"), [(0.6, False), (0.85, True)])
-def test_delays_that_wander_show_that_the_samples_were_taken_at_uneven_times(lasts: float, uneven: bool) -> None:
+@pytest.mark.parametrize("rows", [JUDGED_ROWS, 2000])  # as many as the live tracker judges again; a recording
+def test_delays_that_wander_show_that_the_samples_were_taken_at_uneven_times(
+    rows: int, lasts: float, uneven: bool
+) -> None:
     """A delay keeps this share from sample to sample: its mean square difference is 2 (1 - share) of its variance."""
-    rng, late = np.random.default_rng(0), np.zeros(2000)
-    for k in range(1, 2000):
+    rng, late = np.random.default_rng(0), np.zeros(rows)
+    for k in range(1, rows):
         late[k] = lasts * late[k - 1] + np.sqrt(1.0 - lasts**2) * rng.normal()
-    recording = Recording(0.01 * np.arange(2000) + 1e-3 * late, rng.normal(size=(2000, 3)))
+    recording = Recording(0.01 * np.arange(rows) + 1e-3 * late, rng.normal(size=(rows, 3)))
     with nullcontext() if uneven else pytest.warns(PbdWarning, match="jitter; evenly spaced"):
         assert (even_stamps(recording) is recording.t) == uneven
 
