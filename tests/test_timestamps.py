@@ -115,6 +115,14 @@ def test_a_jump_of_a_few_usual_steps_that_the_host_does_not_confirm_is_left_out(
     assert clock.doubted == 1
 
 
+def test_two_wrong_times_in_a_row_cost_themselves_only() -> None:
+    times = steady(30)
+    times[10:12] = 900.0, 300.0
+    got, clock = taken(times)
+    assert [round(t * HZ, 6) for t in got] == [*range(10), *range(12, 30)]
+    assert clock.doubted == 2
+
+
 def test_the_same_time_twice_is_one_sample() -> None:
     times = steady(30)
     got, clock = taken([at for at in times for _ in range(2)], [k / HZ / 2.0 for k in range(60)])

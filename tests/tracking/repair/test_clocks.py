@@ -16,8 +16,8 @@ from pbd.pipeline import track
 from pbd.pose import Array
 from pbd.simulation.simulate import SENSOR_MODELS
 from pbd.timestamps.even_times import batched_interval
-from pbd.tracking.online.sample_repair import JUDGED_ROWS
 from pbd.tracking.keyframes import find_keyframes
+from pbd.tracking.online.sample_repair import JUDGED_ROWS
 from pbd.tracking.repair.clock import even_stamps, with_checked_times
 from pbd.tracking.repair.repair_recording import repair_recording
 from tests.known import known
