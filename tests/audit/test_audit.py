@@ -11,7 +11,7 @@ from scipy.interpolate import BSpline, PPoly
 
 from pbd.arm.model import ArmModel
 from pbd.audit.audit import audit
-from pbd.audit.limits import check_samples
+from pbd.audit.limits import check_limits, check_samples
 from pbd.data import JointTrajectory, Robot
 from pbd.errors import PlanError
 from pbd.pose import Array, Pose
@@ -242,3 +242,27 @@ def test_a_step_between_two_samples_is_held_to_the_limit(arm: ArmModel, order: s
     samples: Any = SimpleNamespace(t=1e-3 * np.arange(3), joint_names=arm.robot.joints, **stepped)
     with nullcontext() if sound else pytest.raises(PlanError, match=r"panda_joint4 has .* at 0\.001 s"):
         check_samples(samples, limits)
+
+
+@pytest.mark.parametrize("up", [1.0, -1.0])
+def test_a_joint_that_turns_back_at_constant_acceleration_is_seen_at_its_farthest(arm: ArmModel, up: float) -> None:
+    """It sets out at 0.2 rad/s and is back after 1 s; between, it was 0.05 rad away."""
+    coefficients = np.zeros((1, 4, 7))
+    coefficients[0, 1:3, 0] = 0.2 * up, -0.2 * up
+    trajectory = JointTrajectory(
+        joint_names=arm.robot.joints,
+        knots=np.array([0.0, 1.0]),
+        coefficients=coefficients,
+        gripper_t=np.zeros(1),
+        gripper_opening=np.ones(1),
+        keyframe_t=np.zeros(1),
+        keyframe_q=np.zeros((1, 7)),
+    )
+    for most, sound in ((0.051, True), (0.049, False)):
+        limits = changed(arm.limits, lower=np.full(7, -most), upper=np.full(7, most))
+        with (
+            nullcontext()
+            if sound
+            else pytest.raises(PlanError, match=r"panda_joint1 is at -?0\.05 rad, .* at 0\.500 s")
+        ):
+            check_limits(trajectory, limits)

@@ -239,6 +239,21 @@ def test_solids_that_touch_in_nearly_every_configuration_are_left_out(
     assert len(own) == 1
 
 
+@pytest.mark.parametrize(("reason", "checked"), [("Adjacent", 0), ("Never", 0), ("Default", 1), ("User", 1)])
+def test_pairs_that_an_srdf_excludes_because_they_never_meet_or_are_neighbours_are_left_out_and_no_others(
+    reason: str, checked: int, tmp_path: Path, odd_robot: Robot
+) -> None:
+    """A setup assistant's "Default" means that they touched in one pose, and "User" may mean anything."""
+    urdf, srdf = tmp_path / "stack.urdf", tmp_path / "stack.srdf"
+    urdf.write_text(STACK, encoding="utf-8")
+    excluded = f'<disable_collisions link1="upper" link2="base" reason="{reason}"/>'
+    srdf.write_text(f'<robot name="stack">{excluded}</robot>', encoding="utf-8")
+    stack = replace(two_joints(urdf, odd_robot, "upper", 1.0), srdf=srdf)
+    trajectory = time_keyframes(load_model(stack), np.full((1, 2), 0.1), [0.0], [None], stack.home)
+    pairs = AuditScene(AuditArm(stack), BENCH, None).pairs(trajectory)
+    assert sum({pair.first.name, pair.second.name} == {"base", "upper"} for pair in pairs) == checked
+
+
 def test_samples_cover_endless_joints_and_the_gripper_and_no_more(tmp_path: Path, odd_robot: Robot) -> None:
     """Three solids touch the base's half plate in about half of the configurations each, so all are checked: a ball on
     the hand while it points to one side, a finger while the gripper is closed, another finger while it is open. A third
