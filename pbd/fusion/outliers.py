@@ -23,6 +23,10 @@ LEAST_TAKES = 3
 RAISED_SIGMAS = 2.0
 """How far the scatter is raised for the test, in sigmas of its logarithm: a few takes show the scatter inaccurately."""
 
+SUSPECT_RATIO = 1.25
+"""A take is tested if its median residual is at least this multiple of the median take's. The multiple must be below 2:
+an outlier among three takes draws the estimate a third of the way, so its residual is only twice the others'."""
+
 FIXED_SPREAD = 1e-3
 """Prior sigma of the logarithm of a scatter that is held fixed."""
 
@@ -81,6 +85,8 @@ def outlying_take(observations: Observations, joint: JointEstimate) -> int | Non
     weighted = joint.residuals.reshape(-1, 6) * np.repeat((1.0, TURN_LEVER_M), 3)  # m
     off = np.array([np.median(lengths(weighted[observations.take == k])) for k in range(len(takes))])
     worst = int(np.argmax(off))
+    if off[worst] < SUSPECT_RATIO * np.median(off):
+        return None
     # One keyframe that is off moves the take's nav, and so all its residuals: the take is tested without its worst.
     own = np.flatnonzero(observations.take == worst)
     keyframe = _worst(observations, joint, 6 * own[:, None] + np.arange(6))
@@ -108,7 +114,8 @@ def _is_outlier(
     """
     from scipy.special import chdtri
 
-    without = estimate_jointly(rest, joint.state, common_scatter(len(joint.state.m))).scatter
+    prior = replace(common_scatter(len(joint.state.m)), log=joint.scatter.log)
+    without = estimate_jointly(rest, joint.state, prior).scatter
     raised = _held(replace(without, log=without.log + RAISED_SIGMAS * without.log_sigma))
     again = estimate_jointly(observations, joint.state, raised, iterations=1)
     position, attitude = rows.reshape(-1, 2, 3).swapaxes(0, 1).reshape(2, -1)
