@@ -175,7 +175,8 @@ def test_another_arms_calibration_is_refused(emulator: Emulator) -> None:
     with (
         Bus.open(emulator.device, PATIENT_S) as bus,
         pytest.raises(
-            CalibrationError, match=r"of elbow_flex it has .*\(1020, 868, 3061\), the servo has \(-77, 868, 3061\)"
+            CalibrationError,
+            match=r"for elbow_flex it gives .*\(1020, 868, 3061\), but the servo has \(-77, 868, 3061\)",
         ),
     ):
         connect(bus)
