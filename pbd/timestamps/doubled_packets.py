@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from pbd.pose import Array
 from pbd.timestamps.straighten import WITHIN_BATCH
 
-CHANCE = 1e-5
+MAX_LIKELIHOOD_RATIO = 1e-5
 """Largest ratio of the likelihoods of repeated readings and of packets that came twice, if the latter are believed."""
 
 LONG_SPANS = 4.0
@@ -38,4 +38,4 @@ def came_twice(arrival: Array, repeats: NDArray[np.bool_]) -> bool:
     intervals = spans.sum() / counts.sum(axis=1)
     misfits = (spans - intervals[:, None] * counts) ** 2
     # Gaussian delays: the log-likelihood of each hypothesis is its misfit over twice the variance, that of repeats.
-    return bool((misfits[0] - misfits[1]).sum() > -2.0 * log(CHANCE) * misfits[0].mean())
+    return bool((misfits[0] - misfits[1]).sum() > -2.0 * log(MAX_LIKELIHOOD_RATIO) * misfits[0].mean())

@@ -24,7 +24,7 @@ from pbd.data import Recording, Stop
 from pbd.tracking import estimate, first_rest, residual_tests
 from pbd.tracking.repair import channel_faults, gaps, gyro_consistency, repair_recording
 from pbd.tracking.repair.saturation import declip
-from pbd.tracking.smoother import factors, large_errors
+from pbd.tracking.smoother import factors, large_errors, smooth
 from tests.benchmarks.ablation import LARGE, TINY, Change, changed
 from tests.benchmarks.faults import NICE
 from tests.benchmarks.report import arguments, print_machine
@@ -69,7 +69,7 @@ WITHOUT: dict[str, tuple[Change, ...]] = {
     ),
     "rest that is no stop": ((track_alone, "refuse_doubted_rest", nothing),),
     "a large lag": ((large_errors, "REMOVED_LAG", LARGE),),
-    "a common scale": ((large_errors, "WIDE_SCALE_SIGMA", TINY),),
+    "a common scale": ((smooth, "WIDE_SCALE_SIGMA", TINY),),
     "upside down": ((track_alone, "warn_upside_down", nothing),),
     "open ends": ((track_alone, "_warn_of_open_ends", nothing),),
     "alarm: sensor": ((residual_tests, "_sensor_alarms", no_line),),

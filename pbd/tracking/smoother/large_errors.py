@@ -23,10 +23,9 @@ from pbd.tracking.smoother.state import SHARED, Prior, State
 REMOVED_LAG = 0.005
 """s: smallest lag of the gyro that is removed from the samples."""
 
-WIDE_SCALE_SIGMA, REMOVED_SCALE, SCALE_OUTLIER_SIGMAS = 0.15, 0.05, 5.0
-"""Of the scale error common to the gyro's axes (0.05: 5 %): one sigma of its wide prior; the smallest error that is
-removed from the samples; the smallest ratio to its sigma of an error that is removed. A wrong clock looks like such an
-error."""
+REMOVED_SCALE, SCALE_OUTLIER_SIGMAS = 0.05, 5.0
+"""Scale error common to the gyro's axes: the smallest that is removed from the samples (5 %), and its least ratio to
+its sigma."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,11 +52,6 @@ class LargeErrors:
         if mag is not None and self.hard_iron.any():
             mag = mag - self.hard_iron
         return replace(recording, gyr=gyr, mag=mag)
-
-
-def wide_prior(noise: Noise) -> Prior:
-    """The prior of a first solution, in which lag and scale may be large."""
-    return Prior(noise.lag, noise.wide_lag_sigma, WIDE_SCALE_SIGMA)
 
 
 def find_large_errors(

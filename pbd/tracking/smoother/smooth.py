@@ -21,7 +21,7 @@ from pbd.tracking.smoother.doubtful_stops import doubted_stops, revised_stops, s
 from pbd.tracking.smoother.factors import pivot_velocity, robust_weights, shared_prior
 from pbd.tracking.smoother.gauss_newton import descend
 from pbd.tracking.smoother.knots import Problem, build_problem, row_noise
-from pbd.tracking.smoother.large_errors import LargeErrors, find_large_errors, wide_prior
+from pbd.tracking.smoother.large_errors import LargeErrors, find_large_errors
 from pbd.tracking.smoother.normal_equations import Solved
 from pbd.tracking.smoother.path import SensorPath, path_of
 from pbd.tracking.smoother.preintegration import LAG, LostMotion
@@ -36,6 +36,9 @@ MAX_RECUTS = 5
 
 DRIFTED_SHARE = 0.5
 """Change of a gyro's bias, as a share of QUIET_GYR, above which it has drifted. Later rests may then seem to turn."""
+
+WIDE_SCALE_SIGMA = 0.15
+"""One sigma of the wide prior of a scale error common to the gyro's axes. A wrong clock looks like such an error."""
 
 MAX_PASSES = 4
 """Largest number of solutions with wide priors; each may show large errors that the one before hid."""
@@ -104,7 +107,7 @@ def smooth(
     Raises:
         TrackingError: there is neither a gyro nor the device's attitude.
     """
-    removed, prior = LargeErrors(), wide_prior(noise)
+    removed, prior = LargeErrors(), Prior(noise.lag, noise.wide_lag_sigma, WIDE_SCALE_SIGMA)
     stops: Spans | None = None
     drift: Array | float = 0.0  # rad/s, of the gyro's bias since the first rest
     no_gyro, all_gaps = recording.gyr is None, (*gaps, *still_gaps)
@@ -118,7 +121,7 @@ def smooth(
             no_gyro=no_gyro,
         )
 
-    for last in (*(False,) * (MAX_PASSES - 1), True):
+    for passes_left in reversed(range(MAX_PASSES)):
         without = removed.removed_from(recording)
         frame = gyro_frame_of(without, rest.gyro_bias * (1.0 + removed.scale))
         window = min(max(2, round(ENERGY_WINDOW_S / frame.dt)), len(frame.t))
@@ -137,7 +140,7 @@ def smooth(
             return None
         initial, fixed = _initial_state(problem, prior, removed.azimuth)
         found = descend(problem, initial, fixed, ANNEALING)
-        if no_gyro or last:
+        if no_gyro or not passes_left:
             break
         if np.abs(found.x.gyr_bias).max() > DRIFTED_SHARE * QUIET_GYR:  # later rests seem to turn
             drift = interpolate(frame.t, problem.t, found.x.gyr_bias)
