@@ -5,26 +5,12 @@ from collections.abc import Callable
 from contextlib import closing, suppress
 from dataclasses import replace
 
-from pbd.errors import PbdError, SensorError, amount
+from pbd.errors import PbdError, SensorError
+from pbd.record.link import Link
 from pbd.record.session import Session
 from pbd.record.session_types import ENDED_BY, Command, Outcome, RecordOptions, Status
 from pbd.sensors.decoding import Decoder
-from pbd.sensors.probe import describe_bytes, identify_protocol
 from pbd.sensors.reader import Reader, Source
-from pbd.tracking.repair.clock import CLOCK_JUMP_S
-
-SILENT_S = 3.0
-"""Time without a byte after which a serial device counts as unplugged or switched off, s. A phone gets longer."""
-
-SUSPENDED_S = 1.0
-"""Idle time in one round of the loop which shows that this program was suspended (Ctrl-Z, a sleeping machine), s."""
-
-MAX_BACKLOG_S = 2.0
-"""Longest time that samples may wait to be taken, s. If they wait longer, they come faster than this machine can take
-them."""
-
-MIN_SAMPLES = 2
-"""Smallest number of samples in the first SILENT_S. With fewer, the device sends too slowly to be recorded."""
 
 SCREEN_EVERY_S = 0.1
 """Time between two updates of the screen, s."""
@@ -94,44 +80,24 @@ def record(
 
 
 def _run(session: Session, reader: Reader, poll: Poll, show: Callable[[Status], None], every_s: float) -> str:
-    options, shown, disconnected, behind, watch = session.options, 0.0, False, False, _SuspendDetector()
+    options, link, shown = session.options, Link(session, reader), 0.0
     while True:
-        pieces, gone = reader.take()
-        stopped_s = watch.suspended_s()
-        now = watch.now
-        if session.demo is not None and _is_over(session, reader, pieces[0][1] if pieces else now):
-            return f"no sample for {CLOCK_JUMP_S:g} s"
-        if stopped_s:
-            session.warn(f"this program was suspended for {stopped_s:.1f} s: samples of that time may be lost")
-        elif pieces and now - pieces[0][1] > MAX_BACKLOG_S and not behind:
-            behind = True
-            session.warn("samples come faster than this machine takes them: lower the sensor's rate")
-        silent_s = now - max(reader.latest, watch.resumed)
-        if pieces and disconnected:
-            disconnected = False
-            session.warn("the sensor is back")
-        elif silent_s > SILENT_S and reader.port.trouble and not disconnected and session.demo is not None:
-            disconnected = True
-            session.warn(f"{reader.port.trouble} (waiting)")
+        pieces, ended = reader.take()
+        if why := link.why_over(pieces[0][1] if pieces else time.monotonic()):
+            return why
+        link.check(pieces)
         for data, arrival in pieces:
             session.take(data, arrival)
-        if session.demo is None and (gone or now - max(reader.opened, watch.resumed) > SILENT_S):
-            if not session.decodable or (session.samples < MIN_SAMPLES and not gone):
-                raise gone or _no_samples_error(session, reader)
+        if session.demo is None and link.may_begin(ended):
             session.begin()
         session.flush()
-        unheard_s = reader.latest - max(session.heard, reader.opened, watch.resumed)
-        if reader.port.baud and session.demo is not None and unheard_s > SILENT_S:
-            return (
-                f"no sample of {options.sensor} in the bytes of {SILENT_S:g} s: does it now send at another baud rate?"
-            )
-        if gone or (not pieces and silent_s > (reader.port.patience_s or SILENT_S)):
-            why = f"sensor silent for {SILENT_S:g} s" if not gone else reader.port.trouble or "sensor unplugged"
+        if why := link.why_undecodable():
+            return why
+        if why := link.why_lost(bool(pieces), ended):
             if not options.reconnect:
                 return why
-            if not disconnected:
-                session.warn(f"{why}; waiting for {reader.port.device}")
-            command, disconnected, watch = _wait_for_port(session, reader, poll, show), True, _SuspendDetector()
+            link.close(why)
+            command = _wait_for_port(session, link, poll, show)
         else:
             command = poll()
         if command is Command.DISCARD:
@@ -142,73 +108,16 @@ def _run(session: Session, reader: Reader, poll: Poll, show: Callable[[Status], 
             session.toggle_grip()
         if options.duration_s is not None and session.t >= options.duration_s:
             return f"{options.duration_s:g} s recorded"
-        if now - shown >= every_s and session.demo is not None:
+        if link.now - shown >= every_s and session.demo is not None:
             show(session.status())
-            shown = now
+            shown = link.now
 
 
-class _SuspendDetector:
-    """Detects that this program was suspended, in which case a silence is not the sensor's fault.
-
-    Attributes:
-        now: the host's monotonic clock at the last call, s.
-        resumed: when the program last resumed, s; 0: it was never suspended.
-    """
-
-    def __init__(self) -> None:
-        self.now, self.resumed = time.monotonic(), 0.0
-        self._worked = time.process_time()
-
-    def suspended_s(self) -> float:
-        """Return how long the program was suspended since the last call, s; usually 0."""
-        before, self.now = self.now, time.monotonic()
-        worked, self._worked = self._worked, time.process_time()
-        idle = self.now - before - (self._worked - worked)
-        if idle < SUSPENDED_S:
-            return 0.0
-        self.resumed = self.now
-        return idle
-
-
-def _wait_for_port(session: Session, reader: Reader, poll: Poll, show: Callable[[Status], None]) -> Command | None:
-    reader.close()
-    waiting = f"waiting for {reader.port.device}"
-    while not (_is_over(session, reader, time.monotonic()) or reader.reopen()):
-        show(replace(session.status(), waiting=waiting))
+def _wait_for_port(session: Session, link: Link, poll: Poll, show: Callable[[Status], None]) -> Command | None:
+    while not (link.why_over(time.monotonic()) or link.reopen()):
+        show(replace(session.status(), waiting=f"waiting for {link.device}"))
         command = poll()
         if command in ENDED_BY:
             return command
         time.sleep(REOPEN_EVERY_S)
     return None
-
-
-def _is_over(session: Session, reader: Reader, now: float) -> bool:
-    """Whether the gap up to now is longer than any that can be tracked. A phone keeps the samples of a gap."""
-    return reader.port.patience_s is None and now - session.heard > CLOCK_JUMP_S
-
-
-def _no_samples_error(session: Session, reader: Reader) -> SensorError:
-    port, sensor, tally = reader.port, session.options.sensor, session.decoder.tally
-    whole = tally.packets > tally.bad_packets and identify_protocol(session.first_bytes) in (None, sensor)
-    at = f" at {port.baud} baud" if port.baud else ""
-    if not reader.bytes_seen and port.trouble:
-        message = f"nothing came from {port.device} in {SILENT_S:g} s: {port.trouble}"
-    elif not reader.bytes_seen:
-        message = (
-            f"{port.device} is silent{at}: nothing came in {SILENT_S:g} s; check that the sensor is on "
-            "and sends by itself, or look with `pbd sensors --probe`"
-        )
-    elif whole and not session.samples:
-        message = (
-            f"whole packets of {sensor} come from {port.device}, but none with an acceleration: switch that output on "
-            "in the device (docs/sensors.md says how)"
-        )
-    elif whole:
-        message = f"{port.device} sends too slowly ({session.samples} in {SILENT_S:g} s): raise the rate of the device"
-    else:
-        count = f"{tally.packets or 'no'} whole packet{'s' if tally.packets > 1 else ''}"
-        message = (
-            f"{amount(reader.bytes_seen, 'byte')} came from {port.device}{at}, but {count} of {sensor}: "
-            f"{describe_bytes(session.first_bytes, port.baud, sensor, tally.why)}"
-        )
-    return SensorError(message, path=port.device, baud=port.baud)
