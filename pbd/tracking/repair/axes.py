@@ -126,83 +126,109 @@ def find_axis_error(
     Returns:
         None if nothing contradicts the gyro, or no mapping removes the contradictions.
     """
-    by_gyro = turn(1.0)
-    moved = [each.turns_to(each.second) for each in witnesses]
-    telling = [rows | each.turns_to(each.rotated(by_gyro)) for each, rows in zip(witnesses, moved, strict=True)]
-
-    def cost(k: int, off: Array) -> Array:
-        """Median of the angles (k, ...) by which witness k is off, where it turns or where it should, the larger."""
-        return np.maximum(_median(off[moved[k]]), _median(off[telling[k]]))
-
-    def costs(k: int, by: Array, matrices: Array) -> Array:
-        """The same (r,) with each of the mappings (r, 3, 3)."""
-        return cost(k, witnesses[k].off_with_mappings(by, matrices))
-
-    each_witness = range(len(witnesses))
-    off = np.array([cost(k, witnesses[k].off(by_gyro)) for k in each_witness])
-    # If no direction turns but the gyro does, the gyro is biased or noisy. A mapping that turns it about that direction
-    # would seem to remove the contradiction. So only witnesses that turn count.
-    counted = [k for k in each_witness if moved[k].sum() >= SIMPLE_PAIRS]
-    found = None
-    if counted and off[counted].max() > CONTRADICTION_DEG:
-        matrices = np.array([mapping.matrix for mapping in AXIS_MAPPINGS])
-        of_own = np.array([costs(k, by_gyro, matrices) for k in each_witness])
-        # Another mapping of the gyro is the inverse mapping of all witnesses. A mirrored one reverses its rotation.
-        inverse = [int(np.argmax((matrices == one.T).all(axis=(1, 2)))) for one in matrices]
-        mirrored, back, of_gyro = np.linalg.det(matrices) < 0.0, turn(-1.0), of_own[:, inverse]
-        of_gyro[:, mirrored] = [costs(k, back, matrices[mirrored].transpose(0, 2, 1)) for k in each_witness]
-        left = {c: np.where([[each.channel == c] for each in witnesses], of_own, off[:, None]) for c in "am"}
-        left["g"] = of_gyro
-        fits = [(channel, mapping, left[channel][:, k]) for k, mapping in enumerate(AXIS_MAPPINGS) for channel in "gam"]
-        used = ([k for k in counted if k < n] for n in range(len(witnesses), 0, -1))
-        found = next(filter(None, (_find_remedy(witnesses, telling, fits, k, source) for k in used if k)), None)
-    if telling[0].sum() < SIMPLE_PAIRS or off[0] <= CONTRADICTION_DEG:
+    search = _Search(witnesses, turn, source)
+    found = search.find_mapping()
+    if not search.gravity_contradicts:
         return found
-
-    def fit_of(factor: float) -> float:
-        """Degrees by which gravity is off with that factor on the gyro, where it turns and where it doesn't."""
-        return float(cost(0, witnesses[0].off(turn(factor))))
-
-    off_deg, pair = float(off[0]), int(np.argmax(telling[0]))
-    # Where gravity hardly turns, any factor that stops the gyro removes the contradiction.
-    or_order = "" if 0 in counted else "gx, gy, gz are in another order (gravity turns too little to tell), or "
-    for factor, what in UNITS:
-        fit = fit_of(factor)
-        if fit < min(off_deg / IMPROVEMENT, found.fit_deg if found else np.inf):
-            found = Contradiction("a", off_deg, fit, pair, or_order + what)
-            break
-    if found is None and not np.ptp(by_gyro, axis=0).any():
-        dead = f"it reads the same all the time, so it is dead; check the columns {source.names('gyr')}"
-        return Contradiction("a", off_deg, off_deg, pair, dead)
+    found = search.find_unit(found.fit_deg if found else np.inf) or found or search.find_dead_gyro()
     # A rate that a person gave is as likely wrong as axes or units are. Name what fits best, or both if they fit alike.
-    if 0 in counted and (source.at_a_rate or (found is None and off_deg > SEARCH_SCALE_DEG)):
-        scale = _find_scale(fit_of, off_deg, pair, source)
-        likely = sorted(filter(None, (scale, found)), key=lambda each: each.fit_deg)
+    if 0 in search.counted and (source.at_a_rate or (found is None and search.off[0] > SEARCH_SCALE_DEG)):
+        likely = sorted(filter(None, (search.find_scale(), found)), key=lambda each: each.fit_deg)
         message = "; or ".join(each.message for each in likely if each.fit_deg <= likely[0].fit_deg + AS_GOOD_DEG)
         return likely[0]._replace(message=message) if likely else None
     return found
 
 
-def _find_scale(
-    fit_of: Callable[[float], float], off_deg: float, pair: int, source: SourceColumns
-) -> Contradiction | None:
-    """Find the factor nearest to 1 that makes the gyro agree with gravity."""
-    fits = np.array([fit_of(float(factor)) for factor in FACTORS])
-    good = np.flatnonzero(fits <= min(fits.min() + AS_GOOD_DEG, off_deg / IMPROVEMENT))
-    if not len(good):
+class _Search:
+    """The search of `find_axis_error`, with its arguments.
+
+    Attributes:
+        off (n,): median angle by which each witness is off, degrees.
+        counted: the witnesses that turn. If no direction turns but the gyro does, the gyro is biased or noisy, and a
+            mapping that turns it about that direction would seem to remove the contradiction.
+        gravity_contradicts: whether gravity surely contradicts the gyro.
+    """
+
+    def __init__(self, witnesses: Sequence[Witness], turn: Callable[[float], Array], source: SourceColumns) -> None:
+        self._witnesses, self._turn, self._source = witnesses, turn, source
+        self._by_gyro = turn(1.0)
+        self._moved = [each.turns_to(each.second) for each in witnesses]
+        self._telling = [
+            rows | each.turns_to(each.rotated(self._by_gyro)) for each, rows in zip(witnesses, self._moved, strict=True)
+        ]
+        self._each = range(len(witnesses))
+        self.off = np.array([self._cost(k, witnesses[k].off(self._by_gyro)) for k in self._each])
+        self.counted = [k for k in self._each if self._moved[k].sum() >= SIMPLE_PAIRS]
+        self.gravity_contradicts = bool(self._telling[0].sum() >= SIMPLE_PAIRS and self.off[0] > CONTRADICTION_DEG)
+
+    def _cost(self, k: int, off: Array) -> Array:
+        """Median of the angles (k, ...) by which witness k is off, where it turns or where it should, the larger."""
+        return np.maximum(_median(off[self._moved[k]]), _median(off[self._telling[k]]))
+
+    def _costs(self, by: Array, matrices: Array) -> Array:
+        """The same (n, r) for every witness with each of the mappings (r, 3, 3)."""
+        return np.array([self._cost(k, self._witnesses[k].off_with_mappings(by, matrices)) for k in self._each])
+
+    def find_mapping(self) -> Contradiction | None:
+        """Find another order, or other signs, of a channel's axes that remove the contradictions of some witnesses."""
+        if not self.counted or self.off[self.counted].max() <= CONTRADICTION_DEG:
+            return None
+        matrices = np.array([mapping.matrix for mapping in AXIS_MAPPINGS])
+        of_own = self._costs(self._by_gyro, matrices)
+        # Another mapping of the gyro is the inverse mapping of all witnesses. A mirrored one reverses its rotation.
+        inverse = [int(np.argmax((matrices == one.T).all(axis=(1, 2)))) for one in matrices]
+        mirrored, of_gyro = np.linalg.det(matrices) < 0.0, of_own[:, inverse]
+        of_gyro[:, mirrored] = self._costs(self._turn(-1.0), matrices[mirrored].transpose(0, 2, 1))
+        own = np.array([[each.channel == c for each in self._witnesses] for c in "am"])[:, :, None]
+        left = dict(zip("gam", (of_gyro, *np.where(own, of_own, self.off[:, None])), strict=True))
+        fits = [(channel, mapping, left[channel][:, k]) for k, mapping in enumerate(AXIS_MAPPINGS) for channel in left]
+        used = ([k for k in self.counted if k < n] for n in range(len(self._witnesses), 0, -1))
+        remedies = (_find_remedy(self._witnesses, self._telling, fits, k, self._source) for k in used if k)
+        return next(filter(None, remedies), None)
+
+    def find_unit(self, better_than_deg: float) -> Contradiction | None:
+        """Find a unit of the gyro that leaves gravity off by less than that."""
+        # Where gravity hardly turns, any factor that stops the gyro removes the contradiction.
+        order = "gx, gy, gz are in another order (gravity turns too little to tell), or "
+        for factor, what in UNITS:
+            fit = self._fit_of(factor)
+            if fit < min(self.off[0] / IMPROVEMENT, better_than_deg):
+                return self._of_gravity(fit, what if 0 in self.counted else order + what)
         return None
-    nearest = good[np.argmin(np.abs(np.log(FACTORS[good])))]
-    beside = good[np.abs(good - nearest) < BESIDE]
-    best = int(beside[np.argmin(fits[beside])])
-    if 1.0 / CLEAR_FACTOR < FACTORS[best] < CLEAR_FACTOR:
-        return None
-    far = f"about {1.0 / FACTORS[best]:.2g} times"
-    why = "its unit or its full scale is wrong (--unit gyr=...)"
-    what = f"it turns {far} as far: {why}, or the times are, and with them every distance (--unit t=..., --rate)"
-    if source.at_a_rate:
-        rate = f"the rate is likely wrong, and the true one {far} as high: {source.must_be_seconds()}"
-        what = f"it turns {far} as far: {rate}; else {why}"
-    return Contradiction("a", off_deg, float(fits[best]), pair, what)
+
+    def find_dead_gyro(self) -> Contradiction | None:
+        """Find that the gyro reads the same all the time."""
+        if np.ptp(self._by_gyro, axis=0).any():
+            return None
+        dead = f"it reads the same all the time, so it is dead; check the columns {self._source.names('gyr')}"
+        return self._of_gravity(self.off[0], dead)
+
+    def find_scale(self) -> Contradiction | None:
+        """Find the factor nearest to 1 that makes the gyro agree with gravity."""
+        fits = np.array([self._fit_of(float(factor)) for factor in FACTORS])
+        good = np.flatnonzero(fits <= min(fits.min() + AS_GOOD_DEG, self.off[0] / IMPROVEMENT))
+        if not len(good):
+            return None
+        nearest = good[np.argmin(np.abs(np.log(FACTORS[good])))]
+        beside = good[np.abs(good - nearest) < BESIDE]
+        best = int(beside[np.argmin(fits[beside])])
+        if 1.0 / CLEAR_FACTOR < FACTORS[best] < CLEAR_FACTOR:
+            return None
+        far = f"about {1.0 / FACTORS[best]:.2g} times"
+        why = "its unit or its full scale is wrong (--unit gyr=...)"
+        what = f"it turns {far} as far: {why}, or the times are, and with them every distance (--unit t=..., --rate)"
+        if self._source.at_a_rate:
+            rate = f"the rate is likely wrong, and the true one {far} as high: {self._source.must_be_seconds()}"
+            what = f"it turns {far} as far: {rate}; else {why}"
+        return self._of_gravity(fits[best], what)
+
+    def _fit_of(self, factor: float) -> float:
+        """Degrees by which gravity is off with that factor on the gyro, where it turns and where it doesn't."""
+        return float(self._cost(0, self._witnesses[0].off(self._turn(factor))))
+
+    def _of_gravity(self, fit_deg: float, message: str) -> Contradiction:
+        pair = int(np.argmax(self._telling[0]))
+        return Contradiction("a", float(self.off[0]), float(fit_deg), pair, message)
 
 
 Fit = tuple[str, AxisMapping, Array]
