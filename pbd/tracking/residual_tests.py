@@ -15,6 +15,7 @@ from pbd.tracking.moving_windows import moving_mean_variance, rows_of_mean, squa
 from pbd.tracking.noise import OUTLIER_SIGMAS, Noise
 from pbd.tracking.smoother.doubtful_stops import MOVING_WEIGHT, SHORTEST_DIVIDED_S
 from pbd.tracking.smoother.factors import robust_weights
+from pbd.tracking.smoother.large_errors import REMOVED_LAG
 from pbd.tracking.smoother.smooth import Solution
 
 FALSE_ALARM_CHANCE = 0.05
@@ -53,7 +54,7 @@ def _sensor_alarms(solution: Solution, found: SensorEstimate) -> Iterator[str]:
     each = (found.lag, found.gyr_matrix, found.acc_matrix, found.acc_bias)
     bound = -NormalDist().inv_cdf(0.5 * FALSE_ALARM_CHANCE / sum(one.value.size for one in each))
     late = 1e3 * float(found.lag.value)
-    if solution.removed.lag != 0.0 or abs(found.lag.surprise) > bound:
+    if abs(found.lag.value) > REMOVED_LAG or abs(found.lag.surprise) > bound:
         yield (
             f"the gyro is {abs(late):.0f} ms {'late behind' if late > 0.0 else 'ahead of'} the accelerometer; this is "
             "corrected, but give both the same filter if the sensor allows it"

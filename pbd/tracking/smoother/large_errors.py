@@ -66,8 +66,6 @@ def find_large_errors(
     """
     noise, lag = problem.noise, removed.lag
     more_lag, more_scale = _large_lag_and_scale(found.x, found.solved)
-    if lag and abs(lag + more_lag) < REMOVED_LAG:  # the opposite lag is left: the removed one was not real
-        more_lag, prior = -lag, replace(prior, lag=noise.lag, lag_sigma=noise.lag_sigma)
     iron = None if mag is None or removed.hard_iron.any() else find_hard_iron(problem, mag, found.x)
     # A lag outside the wide prior is another fault.
     if not (more_lag or more_scale or iron) or abs(lag + more_lag) > OUTLIER_SIGMAS * noise.wide_lag_sigma:
