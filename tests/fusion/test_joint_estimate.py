@@ -132,7 +132,7 @@ def test_a_keyframe_that_scatters_along_one_axis_is_found() -> None:
 
 def test_keyframes_of_an_even_hand_seem_no_more_uneven_than_their_standard_deviations() -> None:
     logs = []
-    for seed in range(4):
+    for seed in range(8):
         true = truth(8, seed)
         takes = observations(true, np.array(2.0 * MM), 0.2 * MM, seed)
         joint = estimate_jointly(takes, initial_state(true), common_scatter(6))
