@@ -107,6 +107,14 @@ def test_the_first_times_of_a_slow_device_may_come_together() -> None:
     assert clock.doubted == 0
 
 
+def test_a_time_that_is_late_by_most_of_an_interval_does_not_cost_the_next_sample() -> None:
+    times = steady(30)
+    times[10] = 7.0 + 10.9 / HZ
+    got, clock = taken(times)
+    assert [round(t * HZ, 6) for t in got] == [*range(10), 10.9, *range(11, 30)]
+    assert clock.doubted == 0
+
+
 def test_a_jump_of_a_few_usual_steps_that_the_host_does_not_confirm_is_left_out() -> None:
     times = steady(30)
     times[10] = 7.0 + 16.0 / HZ

@@ -25,9 +25,6 @@ MAX_FIRST_STEP_S, MAX_USUAL_STEPS = 0.1, 3.0
 HOST_TOLERANCE_S, HOST_TOLERANCE_SHARE = 0.02, 0.1
 """A larger step is accepted if the host's clock agrees: within this time (s) plus this share of the step."""
 
-MIN_STEP_SHARE = 0.25
-"""Smallest accepted step of a device's time, as a share of the usual step."""
-
 USUAL_STEPS = 9
 """The usual step is the median of this number of latest steps."""
 
@@ -175,7 +172,7 @@ class SampleClock(Generic[T]):
 
     def _follows(self, earlier: _Reading[T], now: _Reading[T]) -> bool:
         step, elapsed = now.t_device - earlier.t_device, now.arrival - earlier.arrival
-        if step <= MIN_STEP_SHARE * self._usual:
+        if step <= 0.0:
             return False
         believed = MAX_USUAL_STEPS * self._usual or MAX_FIRST_STEP_S
         return step <= believed or abs(step - elapsed) < HOST_TOLERANCE_S + HOST_TOLERANCE_SHARE * elapsed
