@@ -110,9 +110,11 @@ class AuditScene:
         return by_srdf | set(map(frozenset, robot.may_touch))
 
     def _drop_always_touching(self, pairs: list[Pair]) -> list[Pair]:
-        """Return the pairs without those that touch nearly always; an endless joint is sampled over two turns."""
-        limits, turns = self.arm.robot.limits, 2.0 * np.pi
-        lower, upper = np.append(limits.lower.clip(-turns), 0.0), np.append(limits.upper.clip(None, turns), 1.0)
+        """Return the pairs without those that touch nearly always; a joint is sampled up to a turn from 0, or from the
+        limit nearest to it."""
+        limits, turn = self.arm.robot.limits, 2.0 * np.pi
+        lower = np.append(np.maximum(limits.lower, limits.upper.clip(None, 0.0) - turn), 0.0)
+        upper = np.append(np.minimum(limits.upper, limits.lower.clip(0.0) + turn), 1.0)
         touching = pairs
         for separate in (_hulls_separate, _separate):  # most pairs need no mesh
             apart = dict.fromkeys(touching, 0)

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from pbd.data import Calibration, Gripper, JointLimits, Robot, ServoUnits
+from pbd.data.world import REACH_M
 from pbd.errors import MOST_LISTED, RobotError, listed, printable, warn
 from pbd.files.calibration import read_pose
 from pbd.files.find_by_name import find
@@ -25,8 +26,12 @@ from pbd.pose import Array
 
 FORMAT = 1
 
-WIDEST_RAD = 10.0 * np.pi
-"""Widest range of a joint's limits without a doubt about their unit. The bundled arms have up to 4 pi."""
+WIDEST = {
+    "revolute": (10.0 * np.pi, "turns", "rad", "degrees", "make the joint continuous"),
+    "prismatic": (REACH_M, "metres", "m", "mm", "give it some"),
+}
+"""Kind of joint -> the widest range of its limits, rad or m, without a doubt about their unit, and words for a warning.
+The bundled arms turn by up to 4 pi, and none slides."""
 
 
 def load_robot(name: str | Path) -> Robot:
@@ -227,10 +232,10 @@ def _limits(section: Section, urdf: Urdf, joints: Sequence[UrdfJoint]) -> JointL
             what = f"joint {joint.name!r} has no room to move: lower {joint.lower:g}, upper {joint.upper:g}"
             fix = "correct its <limit> or <safety_controller>, or that of what mimics it"
             raise RobotError.at(urdf.path, f"{what}; {fix}", joint=joint.name)
-    wide = [joint for joint in joints if joint.kind == "revolute" and joint.upper - joint.lower > WIDEST_RAD]
-    if wide:
-        what = f"{urdf.path}: limits of many turns: {listed(f'{j.name} {j.lower:g}..{j.upper:g} rad' for j in wide)}"
-        warn(f"{what}; if these are degrees, correct the <limit>; if there are none, make the joint continuous")
+    for kind, (widest, many, unit, mistaken, fix) in WIDEST.items():
+        if wide := [joint for joint in joints if joint.kind == kind and joint.upper - joint.lower > widest]:
+            what = f"limits of many {many}: {listed(f'{j.name} {j.lower:g}..{j.upper:g} {unit}' for j in wide)}"
+            warn(f"{urdf.path}: {what}; if these are {mistaken}, correct the <limit>; if there are none, {fix}")
     values: dict[str, tuple[float, ...]] = {}
     sources = {"position": "the URDF"}
     general = section.text("source", "")

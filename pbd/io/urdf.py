@@ -74,7 +74,8 @@ _LENGTH = _Rule(1, LONGEST_M, SMALLEST_M, needed=True)
 RULES: dict[str, dict[str, _Rule]] = {
     "origin": {"xyz": _Rule(3, LONGEST_M), "rpy": _Rule(3)},
     "axis": {"xyz": _Rule(3)},
-    "limit": dict.fromkeys(("lower", "upper", "effort", "velocity"), _Rule(1, LARGEST_LIMIT)),
+    "limit": dict.fromkeys(("lower", "upper"), _Rule(1, LARGEST_LIMIT))
+    | dict.fromkeys(("effort", "velocity"), _Rule(1, LARGEST_LIMIT, least=0.0)),
     "mimic": dict.fromkeys(("multiplier", "offset"), _Rule(1)),
     "safety_controller": dict.fromkeys(("soft_lower_limit", "soft_upper_limit"), _Rule(1, LARGEST_LIMIT)),
     "mass": {"value": _Rule(1, least=0.0, needed=True)},

@@ -11,6 +11,7 @@ import pytest
 import trimesh
 from scipy.spatial import Delaunay
 
+from pbd.arm.collision.allowed_collisions import sample_coordinates
 from pbd.arm.gripper import tool_rod as planned_rod
 from pbd.arm.model import load_model
 from pbd.audit.arm import AuditArm
@@ -237,6 +238,23 @@ def test_solids_that_touch_in_nearly_every_configuration_are_left_out(
     trajectory = time_keyframes(load_model(stack), np.full((1, 2), 0.1), [0.0], [None], stack.home)
     own = [pair for pair in scene.pairs(trajectory) if pair.first.name == "base" and pair.second.name == "upper"]
     assert len(own) == 1
+
+
+@pytest.mark.parametrize("turns", [-2, 2])
+def test_joints_whose_ranges_lie_beyond_a_turn_are_sampled_within_them(
+    turns: int, tmp_path: Path, odd_robot: Robot
+) -> None:
+    """Two whole turns change no pose, so the same pair touches in every configuration."""
+    (tmp_path / "stack.urdf").write_text(STACK, encoding="utf-8")
+    stack = two_joints(tmp_path / "stack.urdf", odd_robot, "upper", 1.0)
+    shift = 2.0 * np.pi * turns
+    limits = replace(stack.limits, lower=stack.limits.lower + shift, upper=stack.limits.upper + shift)
+    stack = replace(stack, limits=limits, home=stack.home + shift)
+    (pair,) = AuditScene(AuditArm(stack), BENCH, None).always_touching
+    assert (pair.first.name, pair.second.name) == ("base", "upper")
+    samples = sample_coordinates(load_model(stack))[:, :-1]
+    assert_near(samples.min(axis=0), limits.lower, 0.1)
+    assert_near(samples.max(axis=0), limits.upper, 0.1)
 
 
 @pytest.mark.parametrize(("reason", "checked"), [("Adjacent", 0), ("Never", 0), ("Default", 1), ("User", 1)])

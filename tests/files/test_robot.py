@@ -317,7 +317,8 @@ def test_a_joint_that_slides_with_an_endless_one_needs_limits(folder: Path) -> N
 def test_a_rail_without_end_is_as_long_as_a_urdf_may_be(folder: Path) -> None:
     change(folder / "mine.urdf", 'name="shoulder" type="revolute"', 'name="shoulder" type="prismatic"')
     change(folder / "mine.urdf", 'lower="-2" upper="2"', 'lower="-1e16" upper="1e16"')
-    limits = read_robot(folder / "mine.toml").limits
+    with pytest.warns(PbdWarning, match=r"limits of many metres: shoulder -100..100 m; if these are mm, correct"):
+        limits = read_robot(folder / "mine.toml").limits
     assert (limits.lower[0], limits.upper[0]) == (-100.0, 100.0)
 
 
@@ -483,6 +484,9 @@ def test_an_unnamed_joint_is_locked_at_zero_which_must_be_within_its_limits(fold
          r"\[limits\] velocity is missing and the URDF sets no limit above zero for shoulder; add it"),
         (' velocity="2.5"', "", r"\[limits\] velocity is missing and .* for elbow; add it"),
         ('lower="-2"', 'lower="minus two"', r"lower = 'minus two' in the <limit> of joint 'shoulder' is not a number"),
+        ('velocity="1.5"', 'velocity="-1.5"',
+         r"velocity = '-1.5' in the <limit> of joint 'shoulder' is smaller than 0; correct it"),
+        ('effort="1" lower="-2"', 'effort="-1" lower="-2"', r"effort = '-1' in the .* of joint 'shoulder' is smaller"),
         ('lower="-2"', 'lower="inf"', r"lower = 'inf' in the <limit> of joint 'shoulder' is not a number; correct"),
         ('<parent link="foot"/>', "", r"mine.urdf: joint 'shoulder' has no <parent>; add it"),
         ("</robot>", '<xacro:hand xmlns:xacro="http://www.ros.org/wiki/xacro"/></robot>',

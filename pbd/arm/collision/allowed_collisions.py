@@ -61,9 +61,11 @@ def link_pairs(arm: ArmModel) -> tuple[Pairs, tuple[Unchecked, ...]]:
 
 
 def sample_coordinates(arm: ArmModel, count: int = CONFIGURATIONS) -> Array:
-    """Draw coordinates (count, k + 1) uniformly within the limits and within one turn to either side of zero, with a
-    fixed seed."""
-    lower, upper = np.maximum(arm.limits.lower, -2.0 * np.pi), np.minimum(arm.limits.upper, 2.0 * np.pi)
+    """Draw coordinates (count, k + 1) uniformly within the limits, at most a turn (or 2 pi m) to either side of zero or
+    of the limit that is nearest to zero, with a fixed seed."""
+    lower, upper = arm.limits.lower, arm.limits.upper
+    middle, turn = np.clip(0.0, lower, upper), 2.0 * np.pi
+    lower, upper = np.maximum(lower, middle - turn), np.minimum(upper, middle + turn)
     return np.random.default_rng(0).uniform(np.append(lower, 0.0), np.append(upper, 1.0), (count, len(lower) + 1))
 
 
