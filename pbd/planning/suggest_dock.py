@@ -117,7 +117,8 @@ def suggest_home_and_dock(
         if docks:
             tell(f"{len(reachable)} of {len(docks)} docks have all keyframes within reach at {scale:g} of the size")
         best = [
-            PlanningTask(tuple(keyframes), dock, robot, None, grasped, PlanOptions())
+            # No detours: a dock that needs one is not worth a suggestion, and the search takes seconds.
+            PlanningTask(tuple(keyframes), dock, robot, None, grasped, PlanOptions(detour=False))
             for dock in reachable[:DOCKS_PLANNED]
         ]
         planned, refusals = _plan_each(best)
