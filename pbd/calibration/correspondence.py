@@ -79,8 +79,11 @@ def match_points(p_nav_tip: Array, sigma: Array, points: Array, in_order: bool, 
         rivals = [cost, *(other.cost for other in found if other.stops != stops)]
         if found and found[0].cost < min(rivals) - AMBIGUOUS_COST:
             exchanged = [k for k, stop in enumerate(sorted(stops)) if stop != stops[k]]
-    if in_order and n == m and len(exchanged) != 2:
-        return tuple(range(m))
+    if in_order and len(exchanged) != 2:
+        touched = tuple(range(m)) if n == m else best[0].stops if best else ()
+        _warn_of_other_orders(p_nav_tip, sigma, points, touched)
+        if n == m:
+            return touched
     alike = []
     for check, mirror in MIRRORED.items():
         for other in _best_matches(p_nav_tip, sigma, points * mirror, in_order, free)[:1]:
@@ -98,19 +101,41 @@ def match_points(p_nav_tip: Array, sigma: Array, points: Array, in_order: bool, 
             + ("signs and coordinates, their order (--any-order finds it)" if in_order else "signs and coordinates")
             + ", and that the hand stopped on each"
         )
-    for other in best[1:]:
-        metres, rad = other.T_base_nav.distance(best[0].T_base_nav)
-        if other.cost - best[0].cost < AMBIGUOUS_COST and (metres > SAME_M or rad > SAME_RAD):
-            raise CalibrationError(
-                f"the stops fit the points in more than one way (another is turned by {in_degrees(rad)}), "
-                "because the points are symmetric; name the stops with --stops, touch the points in order, or add one "
-                "that breaks the symmetry",
-                stops=best[0].stops,
-                others=other.stops,
-            )
+    if rival := next(_elsewhere(best[0], best), None):
+        rad = rival.T_base_nav.distance(best[0].T_base_nav)[1]
+        raise CalibrationError(
+            f"the stops fit the points in more than one way (another is turned by {in_degrees(rad)}), "
+            "because the points are symmetric; name the stops with --stops, touch the points in order, or add one "
+            "that breaks the symmetry",
+            stops=best[0].stops,
+            others=rival.stops,
+        )
     for check in alike:
         warn(MAY_BE_MIRRORED.format(check))
     return best[0].stops
+
+
+def _elsewhere(match: _Match, others: list[_Match]) -> Iterator[_Match]:
+    """Yield the other matches that fit about as well as this one, or better, but put nav elsewhere."""
+    for other in others:
+        metres, rad = other.T_base_nav.distance(match.T_base_nav)
+        if other.cost - match.cost < AMBIGUOUS_COST and (metres > SAME_M or rad > SAME_RAD):
+            yield other
+
+
+def _warn_of_other_orders(p: Array, sigma: Array, points: Array, stops: tuple[int, ...]) -> None:
+    """Warn if the points fit these stops in another order as well, as the corners of a square do."""
+    touched = list(stops)
+    found = _best_matches(p[touched], sigma[touched], points, in_order=False, free=False) if touched else []
+    given = next((match for match in found if list(match.stops) == sorted(match.stops)), None)
+    if given is None or given.cost > OUTLIER_COST:
+        return
+    if other := next(_elsewhere(given, found), None):
+        rows = ", ".join(f"{other.stops.index(k) + 1}" for k in range(len(points)))
+        warn(
+            f"the points fit in another order too (rows {rows}), so a wrong order does not show; check it, or touch "
+            "one more that breaks the symmetry"
+        )
 
 
 def _best_matches(p: Array, sigma: Array, points: Array, in_order: bool, free: bool) -> list[_Match]:

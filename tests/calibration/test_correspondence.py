@@ -90,12 +90,23 @@ def test_two_points_above_each_other_say_nothing_of_the_heading() -> None:
 
 def test_a_square_is_ambiguous() -> None:
     p, sigma = stops_at(SQUARE)
-    assert match_points(p, sigma, SQUARE, in_order=True) == (0, 1, 2, 3)
     with pytest.raises(
         CalibrationError, match=r"more than one way .*turned by (90|180) degrees.* --stops, touch the"
     ) as caught:
         match_points(p, sigma, SQUARE, in_order=False)
     assert caught.value.fields["stops"] != caught.value.fields["others"]
+
+
+@pytest.mark.parametrize("start", [0, 1])
+def test_a_square_that_was_touched_in_order_may_have_been_begun_at_another_corner(start: int) -> None:
+    p, sigma = stops_at(np.vstack(((0.1, -0.3, 0.2), SQUARE))[1 - start :])
+    with pytest.warns(
+        PbdWarning, match=r"in another order too \(rows (2, 3, 4, 1|3, 4, 1, 2|4, 1, 2, 3)\), so a wrong"
+    ):
+        assert match_points(p, sigma, SQUARE, in_order=True) == tuple(range(start, start + 4))
+    above = np.vstack((SQUARE, [[0.3, 0.0, 0.2]]))
+    p, sigma = stops_at(above)
+    assert match_points(p, sigma, above, in_order=True) == (0, 1, 2, 3, 4)  # without a warning
 
 
 def test_a_point_above_a_corner_breaks_the_symmetry() -> None:
