@@ -131,11 +131,14 @@ class SourceColumns:
         name, unit = (self._found["t"].name, self._found["t"].unit) if self.columns else ("t", "s")
         return f"the column '{name}' must be {'seconds' if unit == 's' else unit}"
 
+    @property
+    def time_factor(self) -> float:
+        """Factor, without its sign, from the file's times to s."""
+        return abs(self._found["t"].factor) if "t" in self._found else 1.0
+
     def time_unit(self, unit: str) -> str:
         """Return the unit of the file's times, if the recording's are in `unit` in place of s: both factors count."""
-        if "t" not in self._found:
-            return unit
-        factor = abs(self._found["t"].factor) * UNITS["t"][unit]
+        factor = self.time_factor * UNITS["t"][unit]
         return min(("s", "ms", "us", "ns"), key=lambda each: abs(log(UNITS["t"][each] / factor)))
 
 

@@ -321,5 +321,7 @@ def test_points_beside_decimal_commas_may_be_decimal_marks(tmp_path: Path, name:
 
 def test_times_that_are_too_close_are_named_in_their_own_unit(tmp_path: Path) -> None:
     text = table(";".join(("time_ms", *AXES)), [f"{100 + 0.01 * k:.3f}" for k in range(200)], ";")
-    with pytest.raises(RecordingError, match=r"closer than any sensor's; the column 'time_ms' must be ms$"):
+    with pytest.raises(
+        RecordingError, match=r"closer than any sensor's; the time is likely in s: import the file with --unit t=s$"
+    ):
         with_checked_times(read(tmp_path, text))

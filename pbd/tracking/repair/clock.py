@@ -10,8 +10,8 @@ from pbd.data import Recording
 from pbd.data.one_line_repr import counted
 from pbd.data.source_columns import DATES, NO_UNIT, SourceColumns
 from pbd.data.streams import RATE_TOLERANCE, interpolate
+from pbd.data.units import UNITS
 from pbd.errors import RecordingError, warn
-from pbd.io.numbers import DAY_S
 from pbd.pose import Array
 from pbd.timestamps.even_times import LATE_SAMPLES, OFF_GRID_SHARE, batched_interval, even_times
 
@@ -54,10 +54,8 @@ def with_checked_times(recording: Recording) -> Recording:
             what += "--rate HZ, or with finer times"
         raise RecordingError(what)
     if step < 1.0 / FASTEST_HZ:
-        days = SLOWEST_HZ < 1.0 / (step * DAY_S) <= FASTEST_HZ
-        advice = "the time is likely in days: import the file with --unit t=day" if days else source.must_be_seconds()
         raise RecordingError(
-            f"the samples come {step:.3g} s apart, closer than any sensor's; {advice}",
+            f"the samples come {step:.3g} s apart, closer than any sensor's; {_longer_unit(step, source)}",
             value=step,
             bound=1.0 / FASTEST_HZ,
         )
@@ -73,6 +71,16 @@ def with_checked_times(recording: Recording) -> Recording:
         )
     _warn_of_rate(recording)
     return recording
+
+
+def _longer_unit(step: float, source: SourceColumns) -> str:
+    """Say what to do about samples that come `step` s apart, too soon for a sensor: the time is in a longer unit."""
+    rates = {unit: source.time_factor / (UNITS["t"][unit] * step) for unit in ("0.1ms", "ms", "s", "day")}
+    likely = [unit for unit, rate in rates.items() if SLOWEST_HZ < rate <= FASTEST_HZ]
+    if not likely or source.at_a_rate or source.time_unit_by == DATES:
+        return source.must_be_seconds()
+    options = " or ".join(f"--unit t={unit}" for unit in likely)
+    return f"the time is likely in {' or '.join(likely).replace('day', 'days')}: import the file with {options}"
 
 
 def _refuse_slow(interval: float, source: SourceColumns) -> None:
