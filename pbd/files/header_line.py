@@ -20,6 +20,12 @@ WIDEST_ROW = 30
 FIRST_ROWS = 20
 """Number of rows by which a first column without a name is taken for the time."""
 
+LONGEST_TOP = 2000
+"""Number of characters in which a serial monitor's first time must come."""
+
+_MONITOR = re.compile(r"(?m)^(?:\[(\d[\d:. /-]{7,30})\] *|(\d\d:\d\d:\d\d\.\d+) -> *)(.+)")
+"""A line with the time of Tera Term, `[2024-05-01 12:34:56.789] 1,2,3`, or of Arduino, `12:34:56.789 -> 1,2,3`."""
+
 
 def find_header(lines: Sequence[str]) -> tuple[int, int] | None:
     """Return the header's index and the number of lines of axes or units below it; None if no line is wide enough.
@@ -76,8 +82,9 @@ def without_comments(text: str, foreign: bool) -> str:
 
 def with_delimiters(text: str) -> str:
     """Put tabs for bars or spaces where nothing else separates, and a delimiter after a serial monitor's times."""
-    if stamped := re.match(r"\d\d:\d\d:\d\d\.\d+ ->.*", text):
-        text = re.sub(r"(?m)^([\d:.]+) -> *", r"\1" + delimiter_of(stamped[0]), text)
+    stamped = _MONITOR.search(text[:LONGEST_TOP])
+    if stamped and is_stamp(stamped[1] or stamped[2]):
+        text = _MONITOR.sub(rf"\1\2{delimiter_of(stamped[3])}\3", text)
     rows = re.sub(r"(?m)^[ \t]*#.*$", "", text) if "#" in text else text
     if any(mark in rows for mark in ",;\t"):
         return text

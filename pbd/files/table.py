@@ -188,11 +188,12 @@ class Sheet:
             return seconds(cell, order) if order else number(cell)
         except ValueError:
             name, next_step = self.header[column], "correct the cell" + ", or leave it empty" * (not self.complete)
-            if order:
-                next_step += "; or import it with --rate HZ, in place of the times"
+            next_step += "; or import it with --rate HZ, in place of the times" * (order is not None)
             if _DECIMAL_COMMA.fullmatch(cell):
                 write = "write numbers with a point (export it again, or put a point for each comma)"
                 next_step = f"it has a decimal comma: {write}"
+            if cell.strip() == name:
+                next_step = "the header is there again: cut the file there, or remove the line if one recording goes on"
             what = f"'{printable(cell)}' in column '{printable(name)}' is not a number"
             raise self._fault(line, what, next_step, column=name, value=cell) from None
 

@@ -13,6 +13,7 @@ from pbd.data import GRAVITY, Recording
 from pbd.errors import PbdWarning, RecordingError
 from pbd.files.importers import import_file
 from pbd.tracking.noise import CALIBRATED, CLASSES
+from pbd.tracking.repair.clock import with_checked_times
 from tests.known import known
 
 DEG = np.pi / 180.0
@@ -718,3 +719,91 @@ def test_a_cut_message_of_ros_moves_no_other(tmp_path: Path) -> None:
 def test_keys_above_a_table_are_no_messages_of_ros(tmp_path: Path) -> None:
     above = "device: x\nrate: 100\nmode: 1\n---\n"
     assert len(imported(tmp_path, f"{above}t,ax,ay,az\n0,1,2,3\n1,2,3,4\n")) == 2
+
+
+SENSORLOG = """loggingTime(txt),loggingSample(N),accelerometerTimestamp_sinceReboot(s),accelerometerAccelerationX(G),\
+accelerometerAccelerationY(G),accelerometerAccelerationZ(G),motionRotationRateX(rad/s),motionRotationRateY(rad/s),\
+motionRotationRateZ(rad/s),motionGravityX(G)
+2024-05-01 10:00:00.000 +0200,1,5000.00,-0.05,-0.03,-1.00,1.5,0,-2,-0.05
+2024-05-01 10:00:00.010 +0200,2,5000.01,-0.05,-0.03,-1.00,1.5,0,-2,-0.05
+"""
+
+
+def test_the_force_of_an_iphones_sensorlog_points_up(tmp_path: Path) -> None:
+    """CoreMotion gives gravity and what the hand adds, both reversed: -1 g on z if the phone lies face up."""
+    read = imported(tmp_path, SENSORLOG)
+    assert_allclose(read.acc[0], GRAVITY * np.array((0.05, 0.03, 1.0)))
+    assert_allclose(known(read.gyr)[0], (1.5, 0.0, -2.0))
+    assert_allclose(imported(tmp_path, SENSORLOG, acc="-g").acc, read.acc)
+
+
+def test_raw_counts_give_way_to_readings_with_a_unit(tmp_path: Path) -> None:
+    """Garmin's FIT files as CSV: the counts come first."""
+    names = [
+        f"{kind}{sensor}_{axis} ({unit})"
+        for sensor, its in (("accel", "g"), ("gyro", "deg/s"))
+        for kind, unit in (("", "counts"), ("calibrated_", its))
+        for axis in "xyz"
+    ]
+    row = "7,8,9,0,0,1,7,8,9,90,0,-180"
+    read = imported(tmp_path, f"t,{','.join(names)}\n0,{row}\n0.01,{row}\n")
+    assert_allclose(read.acc[0], (0.0, 0.0, GRAVITY))
+    assert_allclose(known(read.gyr)[0], (np.pi / 2, 0.0, -np.pi))
+
+
+@pytest.mark.parametrize(
+    "header",
+    [
+        "Accel Sensor X,Accel Sensor Y,Accel Sensor Z,Gyro Sensor X,Gyro Sensor Y,Gyro Sensor Z",
+        "acc[0],acc[1],acc[2],pqr[0],pqr[1],pqr[2]",
+        "Acc X-axis,Acc Y-Axis,Acc Z axis,Gyro X-axis,Gyro Y-Axis,Gyro Z axis",
+    ],
+)
+def test_further_names_of_axes(tmp_path: Path, header: str) -> None:
+    """Noraxon's, Inertial Sense's, and those of many loggers."""
+    read = imported(tmp_path, f"t,{header}\n0,0.5,0.25,9.75,1,2,3\n0.01,0.5,0.25,9.75,1,2,3\n")
+    assert_allclose(read.acc[0], (0.5, 0.25, 9.75))
+    assert_allclose(known(read.gyr)[0], (1.0, 2.0, 3.0))
+
+
+@pytest.mark.parametrize("header", ["t,ax,ay,az,gx,gy,gz", "{}ax,ay,az,gx,gy,gz"])
+@pytest.mark.parametrize("stamp", ["[2024-05-01 10:00:00.{}] ", "10:00:00.{} -> "])
+def test_a_serial_monitors_times_before_bare_numbers(tmp_path: Path, stamp: str, header: str) -> None:
+    rows = "".join(f"{stamp.format(ms)}0.5,0.25,9.75,1,2,3\n" for ms in ("010", "020"))
+    read = imported(tmp_path, header.format(stamp.format("000")) + "\n" + rows)
+    assert_allclose(read.t, (0.0, 0.01), atol=1e-6)
+    assert_allclose(read.acc[0], (0.5, 0.25, 9.75))
+
+
+def test_the_name_of_the_next_numbers_is_no_unit(tmp_path: Path) -> None:
+    read = imported(tmp_path, "A: 0.5 0.25 9.75  G: 1 2 3\n" * 3, rate_hz=100.0, name="run.log")
+    assert_allclose(read.acc[0], (0.5, 0.25, 9.75))
+    assert_allclose(known(read.gyr)[0], (1.0, 2.0, 3.0))
+
+
+def test_parts_of_a_second_without_leading_zeros_are_not_to_be_sorted(tmp_path: Path) -> None:
+    """As `f"{second}.{millisecond}"` writes them."""
+    rows = "".join(f"12:00:07.{ms},0,0,9.8\n" for ms in (80, 90, 100, 110))
+    with pytest.raises(
+        RecordingError, match=r"from 12:00:07.90 to 12:00:07.100 in .*lack their leading zeros.* --rate"
+    ):
+        imported(tmp_path, f"time,ax,ay,az\n{rows}")
+    with pytest.raises(RecordingError, match=r"from 0.120 to 0.110 in column 'time'; sort the file"):
+        imported(tmp_path, "time,ax,ay,az\n0.110,0,0,9.8\n0.120,0,0,9.8\n0.110,0,0,9.8\n0.120,0,0,9.8\n")
+
+
+def test_a_second_header_ends_the_recording(tmp_path: Path) -> None:
+    half = "t,ax,ay,az\n0,0,0,9.8\n0.01,0,0,9.8\n"
+    with pytest.raises(RecordingError, match=r"run.csv:4: .*; the header is there again: cut the file there"):
+        imported(tmp_path, half + half)
+
+
+def test_an_mti_clock_read_as_a_dots_is_named_by_its_steps(tmp_path: Path) -> None:
+    """Xsens' SDK writes no remarks by which an MTi, which counts 0.1 ms, could be told from a DOT, which counts us."""
+    rows = "".join(f"{k},{100 * k},0,0,9.8,0,0,0\n" for k in range(200))
+    text = f"PacketCounter,SampleTimeFine,Acc_X,Acc_Y,Acc_Z,Gyr_X,Gyr_Y,Gyr_Z\n{rows}"
+    with pytest.raises(
+        RecordingError, match=r"likely in 0.1ms or ms: import the file with --unit t=0.1ms or --unit t=ms$"
+    ):
+        with_checked_times(imported(tmp_path, text))
+    assert_allclose(imported(tmp_path, text, t="0.1ms").t[1], 0.01)

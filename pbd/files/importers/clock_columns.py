@@ -4,6 +4,7 @@ Times may be in two columns: whole seconds, and the part of a second, as `sec,us
 part is less than a second, and starts anew where the seconds step; milliseconds since the start of a device do not.
 """
 
+import re
 import shlex
 from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
@@ -154,6 +155,9 @@ def refuse_backwards(sheet: Sheet, name: str, t: Array) -> None:
         (_, before), (line, after) = sheet.cell(name, row), sheet.cell(name, row + 1)
         restarted = len(backwards) == 1 and (t[row + 1 : row + 3] < t[row]).sum() == 2  # sorting would mix both parts
         do = "the device restarted, so cut the file there" if restarted else "sort the file, or cut it there"
+        parts = re.fullmatch(r"(.*[.,])(\d+) \1(\d+)", f"{before} {after}")
+        if parts and int(parts[2]) < int(parts[3]):  # as 7.90 and 7.100, in ms
+            do = "its parts of a second lack their leading zeros, so import it with --rate HZ in place of the times"
         what = f"time runs backwards from {before} to {after} in column '{name}'; {do}"
         if (t > 0.0).all():
             what += f"; if it holds the time since the row before, import it with --column dt={name}"

@@ -14,7 +14,15 @@ from pbd.data import Recording
 from pbd.data.source_columns import CHANNEL_OF, CHANNELS, NO_UNIT, QUANTITIES, RPY, Column, SourceColumns
 from pbd.data.units import UNITS, spelled, unit_factor
 from pbd.errors import RecordingError, UsageError, listed, printable
-from pbd.files.importers.header_names import looks_inertial, our_name, plain, split_unit, time_unit, why_never_read
+from pbd.files.importers.header_names import (
+    in_counts,
+    looks_inertial,
+    our_name,
+    plain,
+    split_unit,
+    time_unit,
+    why_never_read,
+)
 from pbd.files.table import Sheet, Table
 from pbd.pose import Array
 
@@ -28,7 +36,7 @@ class Program:
     Attributes:
         header: plain names (`plain`) of columns that it always writes.
         preamble: a pattern that must occur above the header; "": none.
-        units: channel -> its unit.
+        units: channel -> its unit; -UNIT: with reversed signs, which the name does not tell.
         sensor: the sensor, as in `Recording.info`.
     """
 
@@ -50,13 +58,16 @@ PROGRAMS = (
     Program("Movella (Xsens) DOT", _PACKETS | {"sample_time_fine"}, "", {"t": "us", "gyr": "deg/s", "mag": "a.u."}),
     Program("Physics Toolbox", frozenset(("g_fx", "g_fy", "g_fz")), units=_GFORCE, sensor="phone"),
     Program("rostopic", frozenset(("field_header_stamp",)), units={"t": "ns"}),
+    Program("SensorLog", frozenset(("accelerometer_acceleration_x",)), units={"acc": "-g"}, sensor="phone"),
     Program("SparkFun OpenLog Artemis", frozenset(("rtc_date", "rtc_time")), units=_ICM20948, sensor="openlog"),
 )
 """Programs whose units can't be read from the names.
 
 MT Manager: SampleTimeFine of an MTi counts at 10 kHz (Xsens, Low-Level Communication Protocol). DOT: SampleTimeFine is
-in us, rates are in deg/s (Movella DOT User Manual XD0502P). Physics Toolbox: gF is specific force over g. ROS 1's
-`rostopic echo -p` prints times in ns. OpenLog Artemis: SparkFun's library of the ICM-20948 gives mg, deg/s, uT.
+in us, rates are in deg/s (Movella DOT User Manual XD0502P). SensorLog writes CoreMotion's accelerometer, which reads
+-1 g on z when an iPhone lies face up (Apple, Getting raw accelerometer events). Physics Toolbox: gF is specific force
+over g. ROS 1's `rostopic echo -p` prints times in ns. OpenLog Artemis: SparkFun's library of the ICM-20948 gives mg,
+deg/s, uT.
 """
 
 
@@ -111,7 +122,7 @@ def scaled(table: Table, found: SourceColumns, channel: str) -> Array:
 def _by_name(header: Sequence[str]) -> dict[str, str]:
     """Map our names to the file's columns: for each channel the first complete set of axes, else the first set.
 
-    Of several devices, the first with an accelerometer and a gyro is read.
+    Raw counts come last. Of several devices, the first with an accelerometer and a gyro is read.
     """
     sets: dict[str, dict[str, dict[str, str]]] = {}
     device_of: dict[str, str] = {}
@@ -121,7 +132,9 @@ def _by_name(header: Sequence[str]) -> dict[str, str]:
             sets.setdefault(CHANNEL_OF[ours], {}).setdefault(group, {}).setdefault(ours, name)
     for channel, groups in sets.items():
         ordered = sorted(groups.items(), key=lambda each: each[0] == "g")  # beside another gyro, gx is gravity
-        sets[channel] = {group: axes for group, axes in ordered if len(axes) == len(CHANNELS[channel])} or groups
+        complete = {group: axes for group, axes in ordered if len(axes) == len(CHANNELS[channel])} or groups
+        measured = {group: axes for group, axes in complete.items() if not any(map(in_counts, axes.values()))}
+        sets[channel] = measured or complete
     of_gyro = [device_of[group] for group in sets.get("gyr", ())]
     device = next((device_of[group] for group in sets.get("acc", ()) if device_of[group] in of_gyro), "")
     found: dict[str, str] = {}
@@ -141,7 +154,11 @@ def _unit(
         given, by = time_unit(name) if channel == "t" else split_unit(name)[1], "its name"
     if not given and channel != "t":
         given, by = beside.get(CHANNEL_OF[ours], ""), "another axis's name"
-    if not given and program is not None and channel in program.units:
+    if (
+        program is not None
+        and channel in program.units
+        and (not given or program.units[channel] == f"-{given.lower()}")
+    ):
         given, by = program.units[channel], program.title
     if not given:
         return 1.0, standard, NO_UNIT

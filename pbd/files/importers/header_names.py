@@ -13,7 +13,7 @@ from pbd.data.units import spelled, unit_factor
 
 _WORDS = {
     "g": r"(?P<before>.*_)?(?:gyr|gyro|gyroscope|gyro_?rotation|rotation_?rate|ang(?:ular)?_?(?:vel(?:ocity)?|rate))|"
-    r"g|gy|w|omega|as|rotation|rot|ω|角速度|drehrate|winkelgeschwindigkeit|gyroskop",
+    r"g|gy|w|pqr|omega|as|rotation|rot|ω|角速度|drehrate|winkelgeschwindigkeit|gyroskop",
     "a": r"(?P<before>.*_)?(?:accl?|accel(?:eration|erometer)?|specific_?force)(?:_(?:including|with)_gravity)?|"
     r"ac?|g_?f|加速度|beschl(?:eunigung)?",
     "m": r"(?P<before>.*_)?(?:mag|magn|magnetometer|magnetic_?field)|m|b|h|磁场|magnetfeld",
@@ -22,7 +22,7 @@ _WORDS = {
 _CHIP = r"_(?!std|var|rms|mean|avg|max|min|raw|bias|lin)[a-z]{1,4}\d[a-z\d]{2,}(?:_[a-z])?"
 """A chip after a quantity or an axis: HyperIMU's `gyroscope_lsm6ds3_c.x`, `ax_mpu6050`; `ax_std100` is a statistic."""
 
-_PART = rf"(?P<number>\d?)(?:_(?:ln|wr|ag|data|cal|calibrated|corrected|rs_s|rad|m_s2))*(?P<chip>{_CHIP})?"
+_PART = rf"(?P<number>\d?)(?:_(?:ln|wr|ag|data|sensor|cal|calibrated|corrected|rs_s|rad|m_s2))*(?P<chip>{_CHIP})?"
 """Suffixes of a quantity: a number, the part (Shimmer has a low-noise and a wide-range accelerometer), `calibrated`, a
 frame (EuRoC), the SI unit (PX4), and the chip."""
 
@@ -83,7 +83,7 @@ _NEVER_READ = (
 """Patterns of columns that aren't read, and why."""
 
 _DERIVED = (
-    r"(?:.*_)?(?:time|time_?stamp|temp|temperature|norm|abs\w*|magnitude|total|resultant|bias|range|scale|fs|sens\w*|"
+    r"(?:.*_)?(?:time|time_?stamp|temp|temperature|norm|abs\w*|magnitude|total|resultant|bias|range|scale|fs|sens(?:itivity)?|"
     r"offset|status|state|valid|ok|error|clip\w*|accuracy|count\w*|samples|num\w*|seq|id|name|unit|version|calibration|"
     r"std\w*|var\w*|cov\w*|rms|mean|avg|max|min|heading|declination|inclination|dip)(?:_?\d+|_.*)?"
 )
@@ -101,9 +101,9 @@ _INERTIAL = {
 
 
 def plain(name: str) -> str:
-    """Normalise a name without its unit: `Gyroscope X (deg/s)` is `gyroscope_x`, `rotationRateX` `rotation_rate_x`."""
+    """Normalise a name without its unit: `Gyro X-Axis (deg/s)` is `gyro_x`, `rotationRateX` `rotation_rate_x`."""
     words = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", split_unit(name)[0])
-    return re.sub(r"[\s.,\-/:_%]+", "_", words.lower()).strip("_")
+    return re.sub(r"_axis$", "", re.sub(r"[\s.,\-/:_%]+", "_", words.lower()).strip("_"))
 
 
 def split_unit(name: str) -> tuple[str, str]:
@@ -190,6 +190,11 @@ def our_name(name: str) -> tuple[str, str, str] | None:
                 device = "".join(filter(None, (*found.groups(), match["device"])))
                 return first + match["axis"], quantity + match["device"], device
     return None
+
+
+def in_counts(name: str) -> bool:
+    """Whether a column's unit says that it holds raw counts, as Garmin's `accel_x (counts)`."""
+    return re.fullmatch("counts?|lsb|raw|adc", split_unit(name)[1].lower()) is not None
 
 
 def looks_inertial(name: str) -> str:

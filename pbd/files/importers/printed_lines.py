@@ -31,7 +31,7 @@ from pbd.io.numbers import is_stamp
 
 _NUMBER = r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?"
 _RATE = r"(?:rad(?:ians)?|deg(?:rees?)?|[°º])/s(?:ec)?|m?dps"
-_UNIT = rf"(m/s\^?[2²]|m/s/s|{_RATE}|deg(?:rees?)?|[°º]|[uµμ]T|gauss|m?[gG]|[mu]?s)(?![\w/])"
+_UNIT = rf"(m/s\^?[2²]|m/s/s|{_RATE}|deg(?:rees?)?|[°º]|[uµμ]T|gauss|m?[gG]|[mu]?s)(?![\w/]|\s{{0,9}}[:=])"
 _NEXT = r"\s{0,9}[\s,;|]\s{0,9}"
 _MARK = rf"(?:[:=]\s{{0,9}}[\x22'(\[]?|\[(?=\s{{0,9}}{_NUMBER}{_NEXT}{_NUMBER}{_NEXT}))\s{{0,9}}"
 _NAME = rf"([A-Za-z][\w ./()\[\]^°-]{{0,40}}?)[\x22']?\s{{0,9}}{_MARK}"

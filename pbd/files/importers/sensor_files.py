@@ -197,8 +197,8 @@ def _axes(sheet: Sheet, channel: str) -> dict[str, str]:
     """
     axes: dict[str, str] = {}
     for name in sheet.header:
-        bare, given = re.fullmatch(r"([xyz])(?:_axis)?", plain(name)), our_name(name)
-        ours = f"{channel[0]}{bare[1]}" if bare else given[0] if given else "t"
+        bare, given = re.fullmatch("[xyz]", plain(name)), our_name(name)
+        ours = f"{channel[0]}{bare[0]}" if bare else given[0] if given else "t"
         if ours in CHANNELS[channel]:
             axes.setdefault(ours, name)
         elif ours != "t":
