@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pbd.data import Recording
-from pbd.data.recording import step_of
+from pbd.data.recording import resolution_of
 from pbd.errors import CalibrationError
 from pbd.pose import Array
 
@@ -175,7 +175,7 @@ def _still(
             value=float(np.sqrt(quietest)),
             bound=still,
         )
-    rounding = 3.0 * step_of(values) ** 2 / 12.0
+    rounding = 3.0 * resolution_of(values) ** 2 / 12.0
     return np.asarray(variance <= np.clip(STILL_RATIO * max(quietest, rounding), floor**2, still**2))
 
 

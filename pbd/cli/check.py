@@ -11,7 +11,7 @@ from rich.table import Table
 from pbd.check_demos import DemoCheck, check_all
 from pbd.cli.common import print_result, without_aside
 from pbd.errors import RecordingError, listed
-from pbd.view.safe_console import Screen
+from pbd.view.safe_console import SafeConsole
 from pbd.view.terminal_tables import make_table
 from pbd.view.units import Units
 
@@ -25,7 +25,7 @@ def run(args: argparse.Namespace) -> None:
 
     demos = without_aside(args.demos)
     columns = ("checking", BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=Screen(sys.stderr), transient=True, disable=not sys.stderr.isatty()) as bar:
+    with Progress(*columns, console=SafeConsole(sys.stderr), transient=True, disable=not sys.stderr.isatty()) as bar:
         task = bar.add_task("", total=len(demos))
         checks = check_all(
             *(demos, args.robot, args.jobs, lambda number: bar.update(task, completed=number)),

@@ -20,7 +20,7 @@ from pbd.files.calibration import load_calibration
 from pbd.files.demo import demo_folder, load_demo, newest_demo, write_demo
 from pbd.files.find_by_name import bundled, bundled_names
 from pbd.files.keyframes import KEYFRAMES_FILE, write_keyframes
-from pbd.files.why_set_aside import is_aside
+from pbd.files.why_set_aside import is_set_aside
 from pbd.io.atomic import atomic_file, is_file, refuse_file
 from pbd.io.made_by_pbd import refuse_others_file
 from pbd.io.read_file import read_text
@@ -49,14 +49,14 @@ def load_demonstration(name: str | None) -> Demonstration:
 
 def without_aside(names: Sequence[str]) -> list[str]:
     """Leave out demonstrations that were set aside and are given as paths, as `demos/*` gives them; unless all are."""
-    aside = [name for name in names if len(Path(name).parts) > 1 and is_aside(Path(name))]
+    aside = [name for name in names if len(Path(name).parts) > 1 and is_set_aside(Path(name))]
     others = [name for name in names if name not in aside]
     if others and aside:
         say(f"left out, because they were set aside: {listed(aside)}; a name alone, without its folder, is used")
     return others or aside
 
 
-def say_hidden(folder: Path) -> None:
+def say_if_hiding_bundled(folder: Path) -> None:
     """Say if the demonstration in this folder hides a bundled one."""
     hidden = bundled("demos") / folder.name
     if folder.parent == Path("demos") and folder.name in bundled_names("demos") and folder.resolve() != hidden:
@@ -160,7 +160,7 @@ def store_demonstration(
         write_demo(replace(demo, recording=recording), folder, args.force, extra_files)
     samples, duration_s, rate_hz = len(recording), float(recording.t[-1]), recording.info.rate_hz or recording.rate_hz
     say(f"{done} {samples} samples, {duration_s:.1f} s at {rate_hz:.0f} Hz, into {folder}")
-    say_hidden(folder)
+    say_if_hiding_bundled(folder)
     if args.json:
         stored = {"demo": folder.name, "folder": str(folder), "samples": samples}
         print_json(stored | {"duration_s": duration_s, "rate_hz": rate_hz} | dict(more))

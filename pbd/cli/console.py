@@ -43,11 +43,11 @@ def working(what: str, at_most_s: float | None = None) -> Iterator[None]:
         return
     from rich.text import Text
 
-    from pbd.view.safe_console import Screen
+    from pbd.view.safe_console import SafeConsole
 
     # rich prints warnings above this line.
     shown = Text(f"{what} ...") if at_most_s is None else _Countdown(what, at_most_s)
-    with Screen(sys.stderr).status(shown):
+    with SafeConsole(sys.stderr).status(shown):
         yield
 
 

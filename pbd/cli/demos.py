@@ -9,7 +9,7 @@ from pbd.data import Demonstration
 from pbd.errors import RecordingError, warn
 from pbd.files.demo import UNDATED, load_demo, newest_demo
 from pbd.files.find_by_name import names
-from pbd.files.why_set_aside import is_aside
+from pbd.files.why_set_aside import is_set_aside
 from pbd.io.toml import instant_of
 from pbd.view.terminal_tables import make_table
 
@@ -58,6 +58,6 @@ def _row(demo: Demonstration, folder: Path, default: str) -> dict[str, Any]:
         "bundled": demo.bundled,
         "default": folder.name == default,
         "failed": demo.failed,
-        "aside": is_aside(folder),
+        "aside": is_set_aside(folder),
         "notes": demo.notes,
     }

@@ -15,8 +15,8 @@ from pbd.cli.common import load_demonstration, named_calibration, plan_demonstra
 from pbd.cli.console import print_json, say, working
 from pbd.cli.plan_report import moves_json, plan_json, remarks
 from pbd.errors import PbdError, PlanError, UsageError, errors_about, listed
-from pbd.files.exporters import FOLDERS, FORMATS, SUFFIXES, Export, check_format, check_suffix, export, export_dataset
-from pbd.files.exporters.lerobot import first_frame, refuse_dataset
+from pbd.files.exporters import DATASETS, FORMATS, SUFFIXES, Export, check_format, check_suffix, export, export_dataset
+from pbd.files.exporters.lerobot import first_frame_text, refuse_dataset
 from pbd.files.exporters.tum import write_poses
 from pbd.files.find_by_name import names
 from pbd.files.robot import load_robot
@@ -35,7 +35,7 @@ def run(args: argparse.Namespace) -> None:
         return _write_hand(args, format_name)
     robot = load_robot(args.robot) if FORMATS[format_name].checks_robot else None
     check_format(format_name, args.rate, args.dense, robot)
-    if robot is not None and format_name in FOLDERS:
+    if robot is not None and format_name in DATASETS:
         refuse_dataset(args.output, robot)
     elif args.output != STDOUT:
         refuse_output(args.output, (*args.demos, args.robot, args.calibration, args.start))
@@ -47,15 +47,16 @@ def run(args: argparse.Namespace) -> None:
     if format_name == "tum-hand":  # the hand's time, not the arm's
         say(f"wrote {name}: {count} poses, {np.ptp(plans[0].tracked[0].t):.1f} s")
     else:
-        what, joints = FORMATS[format_name].counted, len(plans[0].robot.joints)
+        what, joints = FORMATS[format_name].samples_are, len(plans[0].robot.joints)
         say(f"wrote {name}: {count} {what}, {duration:.1f} s, {joints} joints")
-    if format_name in FOLDERS:
-        first, numbers = first_frame(plans[0].robot, done[0].samples), ", ".join(str(each.episode) for each in done)
+    if format_name in DATASETS:
+        first = first_frame_text(plans[0].robot, done[0].samples)
+        numbers = ", ".join(str(each.episode) for each in done)
         say(f"episode{'s' if len(done) > 1 else ''} {numbers} (lerobot-replay --dataset.episode={done[0].episode})")
         say(f"lerobot-replay jumps to the first frame, so bring the arm there before: {first}")
     if args.json:
         results = [_json(args, format_name, *each) for each in zip(plans, done, strict=True)]
-        print_json({"episodes": results} if format_name in FOLDERS else results[0])
+        print_json({"episodes": results} if format_name in DATASETS else results[0])
     return None
 
 
@@ -118,7 +119,7 @@ def _format(args: argparse.Namespace) -> str:
     if args.output == STDOUT:
         if args.json:
             raise UsageError("-o - and --json would both go to standard output; name a file, or leave --json out")
-        if args.format in FOLDERS:
+        if args.format in DATASETS:
             raise UsageError(f"{args.format} writes a folder, which standard output can't be; name one")
         if is_closed(sys.stdout):
             raise PbdError("standard output is closed: name a file")
@@ -128,10 +129,10 @@ def _format(args: argparse.Namespace) -> str:
     if name is None:
         raise UsageError(f"name the --format ({', '.join(FORMATS)}), or a file that ends in {', '.join(SUFFIXES)}")
     check_suffix(name, args.output)
-    if name not in FOLDERS and (len(args.demos) > 1 or args.task):
+    if name not in DATASETS and (len(args.demos) > 1 or args.task):
         what = "--task is" if args.task else "several demonstrations are"
-        raise UsageError(f"{what} for {', '.join(FOLDERS)}; {name} has one motion a file")
-    if name in FOLDERS and not (args.approach and args.retreat):
+        raise UsageError(f"{what} for {', '.join(DATASETS)}; {name} has one motion a file")
+    if name in DATASETS and not (args.approach and args.retreat):
         raise UsageError(
             f"{name}'s episodes begin and end away from the task: leave --no-approach and --no-retreat out"
         )
@@ -143,7 +144,7 @@ def _write(args: argparse.Namespace, plans: list[Plan], format_name: str) -> lis
     pairs = [(plan.trajectory, source_of(plan)) for plan in plans]
     (trajectory, source), robot = pairs[0], plans[0].robot
     with _output(args) as file, working("writing the motion"):
-        if format_name in FOLDERS:
+        if format_name in DATASETS:
             return export_dataset(pairs, robot, file, args.task)
         return [export(trajectory, robot, format_name, file, args.rate, dense=args.dense, source=source)]
 

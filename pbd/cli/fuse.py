@@ -3,7 +3,7 @@
 import argparse
 from dataclasses import replace
 
-from pbd.cli.common import named_calibration, print_result, say_hidden, without_aside, write_figures
+from pbd.cli.common import named_calibration, print_result, say_if_hiding_bundled, without_aside, write_figures
 from pbd.cli.console import say, working
 from pbd.data.one_line_repr import counted
 from pbd.errors import UsageError, listed
@@ -57,7 +57,7 @@ def run(args: argparse.Namespace) -> None:
     keyframes, used = counted(len(path.stops), "keyframe"), sum(not take.left_out for take in fusion.takes)
     takes_used = f"{len(demo.takes)} takes" if used == len(demo.takes) else f"{used} of {len(demo.takes)} takes"
     say(f"wrote {folder}: {takes_used}, {keyframes}; it is a demonstration like any other")
-    say_hidden(folder)
+    say_if_hiding_bundled(folder)
     if edited := [take.recording.info.name for take in demo.takes if take.keyframes is not None]:
         say(f"fused as recorded: {listed(edited)}, without {KEYFRAMES_FILE}; correct the fused keyframes instead")
     if held_alike(fusion.takes):

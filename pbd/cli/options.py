@@ -19,7 +19,7 @@ DRIVEN = ("so100", "so101")
 """The robots that `pbd run` drives."""
 
 _LENGTHS, _ANGLES, _TIMES = "m, cm or mm", "deg or rad", "s or ms"
-CHOICES = {"m": _LENGTHS, "cm": _LENGTHS, "mm": _LENGTHS, "deg": _ANGLES, "rad": _ANGLES, "s": _TIMES, "ms": _TIMES}
+UNIT_HELP = {"m": _LENGTHS, "cm": _LENGTHS, "mm": _LENGTHS, "deg": _ANGLES, "rad": _ANGLES, "s": _TIMES, "ms": _TIMES}
 """Default unit -> the units to choose from, as the help lists them."""
 
 
@@ -114,7 +114,7 @@ def add_table(parser: argparse.ArgumentParser, units: str | None = None) -> None
     add_json(form)
     flag(form, "--csv", "print the table as CSV")
     if units is not None:
-        _add_units(parser, units, f"units of the table: {'; '.join(CHOICES[unit] for unit in units.split(','))}")
+        _add_units(parser, units, f"units of the table: {'; '.join(UNIT_HELP[unit] for unit in units.split(','))}")
 
 
 def add_tracking(parser: argparse.ArgumentParser, calibration: str = "the robot's own dock, else 'default'") -> None:
@@ -238,7 +238,7 @@ not_negative = number("zero or a number above", lambda value: value >= 0.0)
 percent = number("0, or from 1 to 50 percent", lambda value: value == 0.0 or 1.0 <= value <= 50.0)
 
 
-def frame(text: str) -> tuple[tuple[str, ...], int, int]:
+def thing_keyframes(text: str) -> tuple[tuple[str, ...], int, int]:
     """Parse THING=I, THING=I..J or THING=I..J@CARRIER: the names, innermost first, the first and the last keyframe."""
     thing, words = pair(text)
     span, *carriers = words.split("@")

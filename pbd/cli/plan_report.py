@@ -14,7 +14,7 @@ STRAY_M = 0.01
 
 def remarks(plan: Plan, calibration: str | None) -> list[str]:
     """Return what to say of a plan: its place, size, table, torques, curved moves, how far the tool strays."""
-    found = remarks_of_whole(plan, calibration)
+    found = whole_motion_remarks(plan, calibration)
     for i, move in enumerate(plan.segments):
         if (hit := move.avoided) is not None and move.kind != "detour":  # planning reports detours
             how = "as the hand went" if move.kind == "demo" else "along a line"
@@ -40,7 +40,7 @@ def remarks(plan: Plan, calibration: str | None) -> list[str]:
     return [*found, f"between keyframes {worst - 1} and {worst} {strays}; {how}"]
 
 
-def remarks_of_whole(plan: Plan, calibration: str | None) -> list[str]:
+def whole_motion_remarks(plan: Plan, calibration: str | None) -> list[str]:
     """Return what holds for the whole motion: its place, size, table, torques."""
     placed = place_remark(plan.robot, plan.calibration, calibration)
     size = size_remark(plan.robot, plan.calibration, plan.options.scale)

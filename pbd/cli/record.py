@@ -9,10 +9,10 @@ from datetime import datetime
 from pathlib import Path
 
 from pbd.calibration.sensor import refuse_other_sensor
-from pbd.cli.common import decoder_maker, refuse_columns, say_hidden
+from pbd.cli.common import decoder_maker, refuse_columns, say_if_hiding_bundled
 from pbd.cli.console import print_json, say
 from pbd.cli.recording.device import find_sensor
-from pbd.cli.recording.keys import Keys, Person
+from pbd.cli.recording.keys import KeyboardCommands, Keys
 from pbd.cli.recording.screen import PanelScreen, PlainScreen
 from pbd.cli.recording.simulated import Show, SimulatedHand, simulated_hand
 from pbd.data import SensorErrors
@@ -37,7 +37,7 @@ HOLDS = (
 )
 """How to hold the sensor in takes 1, 2, 3 and 4. Later takes repeat 2, 3 and 4."""
 
-WHY = "its own errors then point elsewhere in each take, and fusing tells them from the motion"
+WHY_TURN = "its own errors then point elsewhere in each take, and fusing tells them from the motion"
 
 
 def run(args: argparse.Namespace) -> None:
@@ -51,7 +51,7 @@ def run(args: argparse.Namespace) -> None:
     if args.sensor is not None and args.sensor.partition(":")[0] != SIMULATED:
         decoder_maker(args, args.sensor, also=(SIMULATED,))  # an unknown sensor is reported before anything else
     refuse_demo_folder(folder, args.force)
-    say_hidden(folder)
+    say_if_hiding_bundled(folder)
     if args.take is not None:
         say(how_to_hold(args.take))
     with ExitStack() as stack:
@@ -79,7 +79,7 @@ def run(args: argparse.Namespace) -> None:
         title = f"recording {folder} from {sensor}"
         panel = PanelScreen(title, options.tolerance_m) if keys.terminal and sys.stderr.isatty() else None
         screen = panel or PlainScreen(title)
-        poll: Poll = Person(keys, screen.ask)
+        poll: Poll = KeyboardCommands(keys, screen.ask)
         show: Show = screen.show
         every_s, live = SCREEN_EVERY_S, None
         if view is not None:
@@ -165,7 +165,7 @@ def _warn_of_rate(asked_hz: float | None, outcome: Outcome) -> None:
 def how_to_hold(take: int) -> str:
     """Say how to hold the sensor in take 1, 2, ..., and why."""
     how = HOLDS[(take - 1) % len(HOLDS)] if take <= len(HOLDS) else HOLDS[1 + (take - 2) % (len(HOLDS) - 1)]
-    return f"take {take}: {how}{'' if take == 1 else f': {WHY}'}; the hand starts and moves as before"
+    return f"take {take}: {how}{'' if take == 1 else f': {WHY_TURN}'}; the hand starts and moves as before"
 
 
 def _next_command(args: argparse.Namespace, folder: Path) -> str:

@@ -21,7 +21,7 @@ from pbd.sensors.protocols import PROTOCOLS
 from pbd.view.terminal import for_rich
 from pbd.view.terminal_tables import ports_table, print_csv, print_table, words_table
 
-BORDER = 2
+QR_BORDER_MODULES = 2
 """Width of a QR code's light border, modules. The standard says four; the app reads two, and a terminal is small."""
 
 QR_MODULE_PIXELS = 6
@@ -33,8 +33,8 @@ MADE_BY, PNG_HEADER = f"{PICTURE_MADE_BY}segno", 33
 WHITE_ON_BLACK, PLAIN = "\033[97;40m", "\033[0m"
 """Terminal colours for a code, whose characters are its light modules. A terminal's own colours may be reversed."""
 
-SCAN = '1. in phyphox: + (below right), "add experiment from QR code", and scan the code'
-SEND = "1. send {file} to the phone, and open it there with phyphox"
+SCAN_STEP = '1. in phyphox: + (below right), "add experiment from QR code", and scan the code'
+SEND_STEP = "1. send {file} to the phone, and open it there with phyphox"
 
 NEXT_STEPS = """\
 2. open the experiment "pbd"; in its menu (three dots) switch "allow remote access" on; it shows an address
@@ -106,7 +106,7 @@ def _prepare_phone(args: argparse.Namespace) -> None:
         message = f"{file} is written, for a phone that can't scan: send it there, and open it with phyphox"
     else:
         message = f"{file} is written; a terminal shows the code to scan, -o code.png makes a picture of it"
-    print(SCAN if shown or kind != "phyphox" else SEND.format(file=file))
+    print(SCAN_STEP if shown or kind != "phyphox" else SEND_STEP.format(file=file))
     print(NEXT_STEPS)
     return say(message)
 
@@ -133,7 +133,7 @@ def _show_codes() -> None:
     columns, lines = shutil.get_terminal_size()
     for count in range(1, MAX_QR_CODES + 1):
         codes = [_qr_code(part) for part in qr_payloads(count)]
-        width = max(code.symbol_size(border=BORDER)[0] for code in codes)
+        width = max(code.symbol_size(border=QR_BORDER_MODULES)[0] for code in codes)
         if width <= columns and (width + 1) // 2 + 2 <= lines:
             break
     else:
@@ -142,7 +142,7 @@ def _show_codes() -> None:
         )
     for k, code in enumerate(codes):
         drawn = io.StringIO()
-        code.terminal(drawn, border=BORDER, compact=True)
+        code.terminal(drawn, border=QR_BORDER_MODULES, compact=True)
         rows = (f"{WHITE_ON_BLACK}{line}{PLAIN}" for line in drawn.getvalue().splitlines())
         print("\n".join(rows), file=for_rich(sys.stdout))
         if count > 1:

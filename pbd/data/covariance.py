@@ -13,7 +13,7 @@ from pbd.errors import is_whole_number, require_kind
 from pbd.frozen_arrays import Frozen, readonly
 from pbd.pose import Array
 
-KEYFRAMES_AT_ONCE = 32
+KEYFRAMES_PER_BATCH = 32
 """Number of keyframes whose joint covariance is solved for at once, which bounds memory."""
 
 
@@ -73,8 +73,8 @@ class PoseCovariance(Frozen):
 
     def _batches(self, overlap: int = 0) -> Iterator[Array]:
         """Yield the joint covariance (m, 6, m, 6) of one batch of poses after the other."""
-        for start in range(0, self.count - overlap, KEYFRAMES_AT_ONCE):
-            poses = range(start, min(start + KEYFRAMES_AT_ONCE + overlap, self.count))
+        for start in range(0, self.count - overlap, KEYFRAMES_PER_BATCH):
+            poses = range(start, min(start + KEYFRAMES_PER_BATCH + overlap, self.count))
             yield self.joint(poses).reshape(len(poses), 6, len(poses), 6)
 
 

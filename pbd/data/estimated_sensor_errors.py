@@ -7,7 +7,7 @@ import numpy as np
 from pbd.frozen_arrays import readonly
 from pbd.pose import Array
 
-LEARNED_SHARE = 0.25
+LEAST_LEARNED_SHARE = 0.25
 """Smallest reduction of the prior's variance, as a share of it, for which an estimate can count as a surprise. With
 less, the recording does not separate this error from others."""
 
@@ -33,8 +33,8 @@ class ErrorEstimate:
         The variance of that difference is the prior's variance minus the estimate's.
         """
         learned = 1.0 - (self.sigma / self.prior) ** 2
-        chance = self.prior * np.sqrt(np.maximum(learned, LEARNED_SHARE))
-        return np.where(learned > LEARNED_SHARE, (self.value - self.expected) / chance, 0.0)
+        chance = self.prior * np.sqrt(np.maximum(learned, LEAST_LEARNED_SHARE))
+        return np.where(learned > LEAST_LEARNED_SHARE, (self.value - self.expected) / chance, 0.0)
 
 
 @dataclass(frozen=True, eq=False)

@@ -65,9 +65,9 @@ class Fusion(Frozen):
     Attributes:
         scatter: (n, 3) standard deviation at each of the task's keyframes along nav's axes, m.
         turn: (n,) standard deviation of the attitude about each axis, rad.
-        unsure: (n, 4) one sigma of the logarithms of `scatter` and `turn`.
+        log_sigma: (n, 4) one sigma of the logarithms of `scatter` and `turn`.
         overall: standard deviations (m, rad) over all keyframes but the first.
-        overall_unsure: one sigma of the logarithms of `overall`.
+        overall_log_sigma: one sigma of the logarithms of `overall`.
         places: keyframes whose places in base the takes know, at the path's times.
         thing: the thing that stood elsewhere in some takes, or None.
     """
@@ -75,15 +75,15 @@ class Fusion(Frozen):
     takes: tuple[FusedTake, ...]
     scatter: Array
     turn: Array
-    unsure: Array
+    log_sigma: Array
     overall: tuple[float, float]
-    overall_unsure: tuple[float, float]
+    overall_log_sigma: tuple[float, float]
     places: tuple[Place, ...] = ()
     thing: MovedThing | None = None
 
     def __post_init__(self) -> None:
         n = len(self.scatter)
-        freeze_arrays(self, scatter=(n, 3), turn=(n,), unsure=(n, 4))
+        freeze_arrays(self, scatter=(n, 3), turn=(n,), log_sigma=(n, 4))
 
     @property
     def tolerance_m(self) -> Array:

@@ -11,7 +11,7 @@ IMU_COLUMNS = {"gyr": (GYR, 7), "acc": (ACC, 6), "mag": (MAG, 4), "device_rpy": 
 """Channel of a recording -> its columns and their number of decimals, in the file's order."""
 
 
-def device_rpy(angles: Array) -> Array:
+def rpy_from_compass(angles: Array) -> Array:
     """Convert a compass' heading, pitch, roll (n, 3) to roll, pitch, yaw (n, 3) about x, y, z of ENU, rad.
 
     A compass counts heading clockwise from north and pitch nose up; yaw counts counterclockwise from east.
@@ -20,7 +20,7 @@ def device_rpy(angles: Array) -> Array:
     return np.column_stack((roll, -pitch, 0.5 * np.pi - heading))
 
 
-def compass_angles(rpy: Array) -> Array:
-    """Convert to heading in 0..2 pi, pitch, roll: the inverse of `device_rpy`."""
+def compass_from_rpy(rpy: Array) -> Array:
+    """Convert to heading in 0..2 pi, pitch, roll: the inverse of `rpy_from_compass`."""
     roll, pitch, yaw = rpy.T
     return np.column_stack((np.mod(0.5 * np.pi - yaw, 2.0 * np.pi), -pitch, roll))

@@ -13,7 +13,7 @@ from pbd.frozen_arrays import Frozen, freeze_arrays, numeric
 from pbd.pose import Array
 from pbd.timestamps.even_times import batched_interval
 
-STEP_ROWS = 4096
+RESOLUTION_ROWS = 4096
 """Number of rows, spread over a recording, from which the step (resolution) of its readings is found."""
 
 
@@ -96,9 +96,9 @@ class Recording(Frozen):
         return 1.0 / step if step else 0.0
 
 
-def step_of(values: Array) -> float:
+def resolution_of(values: Array) -> float:
     """The step (resolution) of readings (n, 3): the smallest difference of two on an axis; infinity: none differs."""
-    some = values[:: max(1, len(values) // STEP_ROWS)]
+    some = values[:: max(1, len(values) // RESOLUTION_ROWS)]
     return min(float(np.diff(np.unique(axis)).min(initial=np.inf)) for axis in some.T)
 
 

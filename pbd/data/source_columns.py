@@ -87,7 +87,7 @@ class SourceColumns:
         return abs(acc[0].factor) if acc else 1.0
 
     @property
-    def at_a_rate(self) -> bool:
+    def has_no_times(self) -> bool:
         """Whether the file has no times: its samples come at a rate that was given."""
         return bool(self.columns) and "t" not in self._found
 
@@ -118,15 +118,15 @@ class SourceColumns:
         sign = "-" if reverse else ""
         return f"--column {shlex.quote(f'{ours}={sign}{name}')}"
 
-    def reversed_force(self) -> str:
+    def reverse_acc_option(self) -> str:
         """Return the option that reverses all signs of the accelerometer."""
         if not (acc := self.of("acc")):
             return "--unit acc=-g (or -m/s2)"
         return f"--unit acc={'-' if acc[0].sign > 0 else ''}{acc[0].unit}"
 
-    def must_be_seconds(self) -> str:
+    def time_advice(self) -> str:
         """Return what to do about times that can't be in seconds, or in the unit that the file gives."""
-        if self.at_a_rate:
+        if self.has_no_times:
             return "correct the rate (--rate, or an npz's rate_hz)"
         name, unit = (self._found["t"].name, self._found["t"].unit) if self.columns else ("t", "s")
         return f"the column '{name}' must be {'seconds' if unit == 's' else unit}"

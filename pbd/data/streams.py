@@ -19,7 +19,7 @@ MAX_GAP_STEPS = 2.5
 """Longest interpolated gap in usual steps: one lost sample is bridged, two are a gap."""
 
 
-NAMES = {"acc": "accelerometer", "gyr": "gyro", "mag": "magnetometer"}
+SENSORS = {"acc": "accelerometer", "gyr": "gyro", "mag": "magnetometer"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,12 +44,12 @@ class Stream(Frozen):
         new = np.append(True, (np.diff(t) > 0.0) | (np.diff(values, axis=0) != 0.0).any(axis=1))[: len(t)]
         return cls(t[new], values[new])
 
-    def spaced(self, name: str) -> Stream:
+    def evenly_spaced(self, name: str) -> Stream:
         """At evenly spaced times if its stamps jitter or come in batches, with a warning; else without equal times."""
         even, fault = even_times(self.t)
         if fault:
             rate_hz = 1.0 / np.median(np.diff(even))
-            warn(f"the {NAMES[name]}'s time stamps {fault}; evenly spaced times at {rate_hz:.4g} Hz are used instead")
+            warn(f"the {SENSORS[name]}'s time stamps {fault}; evenly spaced times at {rate_hz:.4g} Hz are used instead")
         t, first = np.unique(even, return_index=True)
         return Stream(t, self.values[first])
 
@@ -80,7 +80,7 @@ def joined(streams: Mapping[str, Stream]) -> tuple[Array, dict[str, Array]]:
     Returns:
         t (n,) s, and each stream's values (n, 3).
     """
-    streams = {name: stream.spaced(name) for name, stream in streams.items()}
+    streams = {name: stream.evenly_spaced(name) for name, stream in streams.items()}
     clock = streams.get("gyr", streams["acc"])
     t = clock.t[np.isfinite(streams["acc"].at(clock.t)[:, 0])]
     return t, {name: stream.at(t) for name, stream in streams.items()}

@@ -22,7 +22,7 @@ from pbd.pose import Array
 DOUBTED_WEIGHT = 0.8
 """Weight below which a stop is reported as doubtful. A stop is left out if its weight is 1 - DOUBTED_WEIGHT or less."""
 
-UNSURE_M = 0.05
+UNSURE_SIGMA_M = 0.05
 """Standard deviation of a keyframe's position above which a warning is given, m."""
 
 

@@ -56,7 +56,7 @@ _SPELLINGS = (
 """Patterns of units as programs spell them in lower case, and what replaces them, in this order."""
 
 
-def spelled(unit: str) -> str:
+def normalized_unit(unit: str) -> str:
     """Return a unit in lower case as UNITS spells it: `°/sec` -> `deg/s`, `m·s⁻²` -> `m/s2`."""
     unit = unit.lower().translate(_SIGNS)
     for pattern, ours in _SPELLINGS:
@@ -70,7 +70,7 @@ def unit_factor(quantity: str, unit: str) -> float | None:
     Case is ignored, because programs write UT and Mg.
     """
     factors = {name.lower(): factor for name, factor in UNITS[quantity].items()}
-    if (unit := spelled(unit)) in factors:
+    if (unit := normalized_unit(unit)) in factors:
         return factors[unit]
     match = re.fullmatch(r"(\d+\.?\d*|\.\d+)(e[-+]?\d+)?\s*([a-z]\S*)", unit)
     factor = float(match[1] + (match[2] or "")) * factors.get(match[3], 0.0) if match else 0.0

@@ -23,7 +23,7 @@ from pbd.driving.servo_arm import (
     write_verified,
 )
 from pbd.errors import SensorError, noting
-from pbd.files.servo_calibration import COUNTS, LARGEST_OFFSET, ServoCalibration
+from pbd.files.servo_calibration import COUNTS, LARGEST_OFFSET_COUNTS, ServoCalibration
 from pbd.pose import Array
 
 MIDDLE = COUNTS // 2 - 1
@@ -46,7 +46,7 @@ class Calibrating:
         full_range = encode_word(0) + encode_word(COUNTS - 1)
         for address, data in ((RANGE, full_range), (OFFSET, encode_word(0)), (MODE, b"\x00")):
             write_verified(self._bus, address, dict.fromkeys(self._ids.values(), data))
-        offsets = np.clip(self.counts() - MIDDLE, -LARGEST_OFFSET, LARGEST_OFFSET).tolist()
+        offsets = np.clip(self.counts() - MIDDLE, -LARGEST_OFFSET_COUNTS, LARGEST_OFFSET_COUNTS).tolist()
         words = (encode_word(offset, OFFSET_SIGN) for offset in offsets)
         write_verified(self._bus, OFFSET, dict(zip(self._ids.values(), words, strict=True)))
 

@@ -34,7 +34,7 @@ def read_calibration(path: Path) -> Calibration:
 
 def parse_calibration(top: Section) -> Calibration:
     """Make a calibration of a file's top level; raises as `read_calibration`."""
-    top.format(FORMAT)
+    top.require_format(FORMAT)
     if "dock" in top and "nav" in top:
         top.fail("dock", "and [nav] can't both be given", next_step="remove one")
     dock, nav = top.section("dock", None), top.section("nav", None)
@@ -59,7 +59,7 @@ def parse_calibration(top: Section) -> Calibration:
             for name, value in part.named_numbers("fit").items()
         },
     )
-    top.done()
+    top.refuse_unread()
     if base is None and mount is None and sensor is None:
         top.fail("dock", "or [nav] must be given, or at least [mount] or [sensor]", "see calibration/default.toml")
     return calibration

@@ -93,7 +93,7 @@ def pose_values(pose: Pose, where: str, cov: Array) -> dict[str, tuple[Value | N
     }
 
 
-def existing_calibration(name: str) -> tuple[Path, Calibration]:
+def calibration_to_update(name: str) -> tuple[Path, Calibration]:
     """Return a calibration's path and content. A new one has the bundled one's content, or none."""
     path = calibration_file(name)
     source = _source(path)

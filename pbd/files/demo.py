@@ -13,13 +13,13 @@ from typing import Any, TypeVar
 import numpy as np
 
 from pbd.data import Contact, Demonstration, GraspedObject, GripEvent, Place, Recording, RecordingInfo, Truth
-from pbd.data.imu_columns import ACC, IMU_COLUMNS, compass_angles, device_rpy
+from pbd.data.imu_columns import ACC, IMU_COLUMNS, compass_from_rpy, rpy_from_compass
 from pbd.errors import RecordingError, UsageError
 from pbd.files.calibration import read_shape
 from pbd.files.find_by_name import find
 from pbd.files.keyframes import KEYFRAMES_FILE, read_keyframes, read_touch_ups
 from pbd.files.table import Table, read_table, write_table
-from pbd.files.why_set_aside import is_aside, why_kept
+from pbd.files.why_set_aside import is_set_aside, why_kept
 from pbd.io.atomic import atomic_folder, is_file, is_folder, may_write, refuse_folder, refuse_name
 from pbd.io.toml import Section, instant_of, read_toml
 from pbd.pose import Array
@@ -27,10 +27,10 @@ from pbd.pose import Array
 FORMAT = 1
 UNDATED = "0001-01-01"
 """When a demonstration was recorded that does not say it: it comes after those that do."""
-RATES_HZ = (1e-6, 1e6)
+RATE_BOUNDS_HZ = (1e-6, 1e6)
 """Lowest and highest rate of a recording, Hz: one sample in eleven days; faster than any sensor."""
 
-TRUTH = ("t", "px", "py", "pz", "qw", "qx", "qy", "qz")
+TRUTH_COLUMNS = ("t", "px", "py", "pz", "qw", "qx", "qy", "qz")
 
 Claim = TypeVar("Claim", Place, Contact)
 
@@ -59,7 +59,7 @@ def newest_demo(failed: bool = False) -> str:
         with suppress(RecordingError):
             top = read_toml(file, RecordingError)
             left_out = top.flag("bundled", False) or (top.flag("failed", False) and not failed)
-            if not left_out and not is_aside(file.parent):
+            if not left_out and not is_set_aside(file.parent):
                 recorded.append((instant_of(top.date("created", UNDATED)), file.parent.name))
     return max(recorded)[1] if recorded else "pouring"
 
@@ -73,7 +73,7 @@ def read_demo(folder: Path) -> Demonstration:
         _refuse_without(folder, "imu.csv")
         recording = _read_recording(read_table(folder / "imu.csv"), grip, info)
     if os.path.lexists(truth := folder / "truth.csv"):
-        values = read_table(truth).columns(*TRUTH)
+        values = read_table(truth).columns(*TRUTH_COLUMNS)
         optional["truth"] = Truth(values[:, 0], values[:, 1:4], values[:, 4:])
     if os.path.lexists(edited := folder / KEYFRAMES_FILE):
         optional |= {"keyframes": read_keyframes(edited), "touch_ups": read_touch_ups(edited)}
@@ -84,12 +84,12 @@ def read_demo_toml(folder: Path) -> tuple[RecordingInfo, tuple[GripEvent, ...], 
     """Read demo.toml alone: what it says of the recording, the grip's events, other arguments of `Demonstration`."""
     _refuse_without(folder, "demo.toml")
     top = read_toml(folder / "demo.toml", RecordingError)
-    top.format(FORMAT)
+    top.require_format(FORMAT)
     top.text("name")  # the folder's name is used: a copy has another one
     info = RecordingInfo(
         name=utf8_name(os.path.basename(os.path.abspath(folder))),  # noqa: PTH100, PTH119 (a link's own name, "." too)
         sensor=top.text("sensor"),
-        rate_hz=top.number("rate_hz", None, positive=True, within=RATES_HZ[1]),
+        rate_hz=top.number("rate_hz", None, positive=True, within=RATE_BOUNDS_HZ[1]),
         created=top.date("created", None),
         clock=top.text("clock", ""),
     )
@@ -108,7 +108,7 @@ def read_demo_toml(folder: Path) -> tuple[RecordingInfo, tuple[GripEvent, ...], 
     if takes and grip:
         step = f"remove it; correct theirs, or save and edit {KEYFRAMES_FILE}"
         top.tables("grip")[0].fail("t_s", "is not used, only its takes' are", step)
-    top.done()
+    top.refuse_unread()
     return info, grip, optional | {"takes": takes}
 
 
@@ -160,7 +160,7 @@ def write_demo(
             write_table(new / "imu.csv", header, imu_rows(demo.recording, channels), decimals)
         if demo.truth is not None:
             values = np.column_stack((demo.truth.t, demo.truth.p_nav_sensor, demo.truth.wxyz_nav_sensor))
-            write_table(new / "truth.csv", TRUTH, values, (6,) * 4 + (8,) * 4)
+            write_table(new / "truth.csv", TRUTH_COLUMNS, values, (6,) * 4 + (8,) * 4)
 
 
 def refuse_demo_folder(folder: Path, force: bool) -> None:
@@ -261,7 +261,7 @@ def _read_recording(table: Table, grip: tuple[GripEvent, ...], info: RecordingIn
     given = {name: columns for name, (columns, _) in IMU_COLUMNS.items() if {*columns} & {*table.header}}
     channels = {name: table.columns(*columns) for name, columns in ({"acc": ACC} | given).items()}
     if "device_rpy" in channels:
-        channels["device_rpy"] = device_rpy(channels["device_rpy"])
+        channels["device_rpy"] = rpy_from_compass(channels["device_rpy"])
     return Recording(t, grip=grip, info=info, **channels)
 
 
@@ -276,7 +276,7 @@ def imu_rows(recording: Recording, channels: Collection[str]) -> Array:
     """Return the rows of imu.csv with these channels; NaN where the recording lacks one."""
     values = dict.fromkeys(channels, np.full((len(recording), 3), np.nan)) | recording.channels
     if recording.device_rpy is not None:
-        values["device_rpy"] = compass_angles(recording.device_rpy)
+        values["device_rpy"] = compass_from_rpy(recording.device_rpy)
     return np.hstack((recording.t[:, None], *(values[name] for name in IMU_COLUMNS if name in channels)))
 
 

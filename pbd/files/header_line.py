@@ -157,7 +157,7 @@ def cells_of(line: str, delimiter: str) -> list[str]:
     return cells
 
 
-def without_names(path: Path, header: Sequence[str], text: str, above: int) -> str:
+def headerless_advice(path: Path, header: Sequence[str], text: str, above: int) -> str:
     """Say what to do about a header of numbers; "" if it has names. It is a line of the text, `above` lines down.
 
     A word before the numbers that the next line repeats is no name.

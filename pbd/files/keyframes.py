@@ -21,13 +21,13 @@ from pbd.pose import quat_to_rpy
 FORMAT = 1
 KEYFRAMES_FILE = "keyframes.toml"
 GRIPS = {"closes": True, "opens": False}
-ORIGIN_M = 1e-3
+ORIGIN_TOLERANCE_M = 1e-3
 """Largest coordinate of the first keyframe, m. It is the origin of nav; this allows for rounding."""
 
-LEAST_M, LEAST_DEG = 1e-4, 0.01
+LEAST_TOLERANCE_M, LEAST_TOLERANCE_DEG = 1e-4, 0.01
 """Smallest tolerance that is written, m and degrees. A smaller one would be rounded to zero."""
 
-LARGEST_M = 5.0
+FARTHEST_M = 5.0
 """Largest distance of a keyframe from the dock along an axis, m: twice the reach of a large arm."""
 
 LONG_DWELL_S = 60.0
@@ -51,7 +51,7 @@ HEAD = """\
 # `pbd keyframes {word} --save --force` finds them again; without the file they are found each time.
 format = {format}
 """
-NORTH, AT_DOCK = "x magnetic east, y magnetic north", "x along the sensor's x axis at the dock, y to its left"
+NORTH_AXES, DOCK_AXES = "x magnetic east, y magnetic north", "x along the sensor's x axis at the dock, y to its left"
 
 
 def keyframes_toml(
@@ -67,7 +67,7 @@ def keyframes_toml(
         magnetic: whether a magnetometer aligns nav with north.
         arm_dwell_s: (n,) s, how long the arm stays at each keyframe; None: as long as the hand.
     """
-    lines = [HEAD.format(name=name, word=shlex.quote(name), format=FORMAT, axes=NORTH if magnetic else AT_DOCK)]
+    lines = [HEAD.format(name=name, word=shlex.quote(name), format=FORMAT, axes=NORTH_AXES if magnetic else DOCK_AXES)]
     dwell_s = [keyframe.dwell_s for keyframe in keyframes] if arm_dwell_s is None else arm_dwell_s
     for index, (keyframe, dwell) in enumerate(zip(keyframes, dwell_s, strict=True)):
         sigma = np.sqrt(np.diagonal(keyframe.cov))
@@ -81,9 +81,10 @@ def keyframes_toml(
             f"sigma_deg = {_numbers(np.degrees(sigma[3:]), 2)}",
         ]
         if keyframe.tolerance_m is not None:
-            lines.append(f"tolerance_m = {_numbers(np.clip(keyframe.tolerance_m, LEAST_M, LARGEST_NUDGE_M), 4)}")
+            tolerance_m = np.clip(keyframe.tolerance_m, LEAST_TOLERANCE_M, LARGEST_NUDGE_M)
+            lines.append(f"tolerance_m = {_numbers(tolerance_m, 4)}")
         if keyframe.tolerance_rad is not None:
-            lines.append(f"tolerance_deg = {max(float(np.degrees(keyframe.tolerance_rad)), LEAST_DEG):.2f}")
+            lines.append(f"tolerance_deg = {max(float(np.degrees(keyframe.tolerance_rad)), LEAST_TOLERANCE_DEG):.2f}")
         if keyframe.grip is not None:
             lines.append(f'grip = "{"closes" if keyframe.grip else "opens"}"')
         if keyframe.label:
@@ -128,9 +129,10 @@ def write_keyframes(
         RecordingError: the file exists (without `force`), and may have been edited; or a keyframe is too far away.
     """
     for index, keyframe in enumerate(keyframes):
-        if (away := float(np.abs(keyframe.T_nav_sensor.p).max())) > LARGEST_M:
+        if (away := float(np.abs(keyframe.T_nav_sensor.p).max())) > FARTHEST_M:
             what = f"keyframe {index} (t = {keyframe.t:.2f} s) is {away:.1f} m from the dock, where no arm reaches"
-            raise RecordingError(f"{what}; nothing is saved: record again", keyframe=index, value=away, bound=LARGEST_M)
+            what = f"{what}; nothing is saved: record again"
+            raise RecordingError(what, keyframe=index, value=away, bound=FARTHEST_M)
     path = folder / KEYFRAMES_FILE
     if path.exists() and not force:
         raise RecordingError(f"{path} exists and may have been edited; --force replaces it", path=path)
@@ -153,11 +155,11 @@ def read_keyframes(path: Path) -> tuple[Keyframe, ...]:
 
 def parse_keyframes(top: Section) -> tuple[Keyframe, ...]:
     """Make keyframes of a file's top level; raises as `read_keyframes`."""
-    top.format(FORMAT)
+    top.require_format(FORMAT)
     tables = top.tables("keyframe")
     keyframes = tuple(map(_read_keyframe, tables))
     touch_ups = [(table, _read_touch_up(table)) for table in top.tables("touch_up")]
-    top.done()
+    top.refuse_unread()
     if not keyframes:
         raise RecordingError.at(top.path, "it has no [[keyframe]]; add some, or remove the file to find them again")
     for table, touch_up in touch_ups:
@@ -167,7 +169,7 @@ def parse_keyframes(top: Section) -> tuple[Keyframe, ...]:
     for before, after, table in zip(keyframes, keyframes[1:], tables[1:], strict=False):
         if after.t <= before.t:
             table.fail("t_s", f"must be later than the keyframe before ({before.t:g} s), got {after.t:g}")
-    if np.abs(keyframes[0].T_nav_sensor.p).max() > ORIGIN_M:
+    if np.abs(keyframes[0].T_nav_sensor.p).max() > ORIGIN_TOLERANCE_M:
         tables[0].fail("position_m", "must be [0, 0, 0]: the first keyframe is the dock", "put it back")
     for index, keyframe in enumerate(keyframes[1:-1], start=1):  # the arm doesn't stay at the first and the last
         if keyframe.dwell_s > LONG_DWELL_S:
@@ -205,7 +207,7 @@ def _read_keyframe(section: Section) -> Keyframe:
     grip, dwell = section.choice("grip", GRIPS, None), section.number("dwell_s")
     if dwell < 0.0:
         section.fail("dwell_s", f"must not be below zero, got {dwell:g}")
-    T_nav_sensor = read_pose(section, "position_m", LARGEST_M)
+    T_nav_sensor = read_pose(section, "position_m", FARTHEST_M)
     sigma = {key: np.array(section.numbers(key, 3, (0.0, 0.0, 0.0))) for key in ("sigma_m", "sigma_deg")}
     for key, values in sigma.items():
         if (values < 0.0).any():
@@ -229,7 +231,7 @@ def _read_keyframe(section: Section) -> Keyframe:
 
 def _read_touch_up(section: Section) -> TouchUp:
     by_nav_m = np.array(section.numbers("by_nav_m", 3, within=LARGEST_NUDGE_M))
-    from_base_m = section.numbers("from_base_m", 3, None, within=LARGEST_M)
+    from_base_m = section.numbers("from_base_m", 3, None, within=FARTHEST_M)
     return TouchUp(
         section.number("t_s"),
         by_nav_m,

@@ -37,7 +37,7 @@ def read_points(path: Path, unit: str | None = None) -> Points:
         CalibrationError: the file can't be read, a column or a unit is missing, or a cell is not a number.
     """
     sheet = open_sheet(path, foreign=True, error=CalibrationError)
-    sheet = replace(sheet, body=without_thousands(sheet.body, sheet.delimiter), complete=True)
+    sheet = replace(sheet, body=without_thousands(sheet.body, sheet.delimiter), cells_required=True)
     column = {re.sub(r"\W+(?:in\W+)?", "_", name.lower()).strip("_"): name for name in sheet.header}
     named = next((u for u in UNITS if all(f"{axis}_{u}" in column for axis in "xyz")), None)
     plain = all(axis in column for axis in "xyz")

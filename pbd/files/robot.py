@@ -18,7 +18,7 @@ from pbd.errors import MOST_LISTED, RobotError, listed, printable, warn
 from pbd.files.calibration import read_pose
 from pbd.files.find_by_name import find
 from pbd.files.robot_gripper import MIMIC_TOLERANCE, check_range, read_gripper
-from pbd.files.urdf_tree import ACTUATED, Urdf, UrdfJoint, read_poses, read_urdf
+from pbd.files.urdf_tree import ACTUATED, Urdf, UrdfJoint, read_named_poses, read_urdf
 from pbd.io.atomic import is_file
 from pbd.io.meshes import mesh_places
 from pbd.io.toml import Section, read_toml
@@ -26,7 +26,7 @@ from pbd.pose import Array
 
 FORMAT = 1
 
-WIDEST = {
+WIDEST_RANGES = {
     "revolute": (10.0 * np.pi, "turns", "rad", "degrees", "make the joint continuous"),
     "prismatic": (REACH_M, "metres", "m", "mm", "give it some"),
 }
@@ -60,7 +60,7 @@ def read_robot(path: Path, *, draft: bool = False) -> Robot:
     if path.suffix.lower() in (".urdf", ".xacro"):
         raise RobotError(f"{path}: a URDF needs a TOML beside it: docs/robots.md, 'Add an arm'", path=path)
     top = read_toml(path, RobotError)
-    top.format(FORMAT)
+    top.require_format(FORMAT)
     name, description, notes = top.text("name"), top.text("description"), top.texts("notes", ())
 
     model, share = top.section("model"), _example_robot_data()
@@ -81,7 +81,7 @@ def read_robot(path: Path, *, draft: bool = False) -> Robot:
     joints = [urdf.with_followers(joint.name) for joint in joints]
     limited = top.section("limits")
     limits = _limits(limited, urdf, joints)
-    poses = {} if srdf is None else read_poses(srdf)
+    poses = {} if srdf is None else read_named_poses(srdf)
     mimic_joints = urdf.followers([joint.name for joint in joints])
     moved = {*mimic_joints, *(joint.name for joint in joints), *(gripper.joints if gripper else ())}
     if not draft:
@@ -109,7 +109,7 @@ def read_robot(path: Path, *, draft: bool = False) -> Robot:
         payload_source=limited.text("payload_source") if "payload_kg" in limited else "",
     )
     if not draft:
-        top.done()
+        top.refuse_unread()
     return robot
 
 
@@ -232,7 +232,7 @@ def _limits(section: Section, urdf: Urdf, joints: Sequence[UrdfJoint]) -> JointL
             what = f"joint {joint.name!r} has no room to move: lower {joint.lower:g}, upper {joint.upper:g}"
             fix = "correct its <limit> or <safety_controller>, or that of what mimics it"
             raise RobotError.at(urdf.path, f"{what}; {fix}", joint=joint.name)
-    for kind, (widest, many, unit, mistaken, fix) in WIDEST.items():
+    for kind, (widest, many, unit, mistaken, fix) in WIDEST_RANGES.items():
         if wide := [joint for joint in joints if joint.kind == kind and joint.upper - joint.lower > widest]:
             what = f"limits of many {many}: {listed(f'{j.name} {j.lower:g}..{j.upper:g} {unit}' for j in wide)}"
             warn(f"{urdf.path}: {what}; if these are {mistaken}, correct the <limit>; if there are none, {fix}")

@@ -14,10 +14,10 @@ from pbd.io.read_file import read_text
 COUNTS = 4096
 """Counts per turn of an STS3215."""
 
-LARGEST_OFFSET = 2047
+LARGEST_OFFSET_COUNTS = 2047
 """Largest magnitude of the homing offset that a servo can store, counts."""
 
-SHARED_TYPE = "so_follower"
+SHARED_ROBOT_TYPE = "so_follower"
 """LeRobot's name for both the SO-100 and the SO-101 since version 0.5."""
 
 
@@ -42,7 +42,7 @@ class ServoCalibration:
 BOUNDS = {
     "id": (1, 253),
     "drive_mode": (0, 1),
-    "homing_offset": (-LARGEST_OFFSET, LARGEST_OFFSET),
+    "homing_offset": (-LARGEST_OFFSET_COUNTS, LARGEST_OFFSET_COUNTS),
     "range_min": (0, COUNTS - 1),
     "range_max": (0, COUNTS - 1),
 }
@@ -84,7 +84,7 @@ def find_servo_calibration(named: Path | None, robot: str, robot_type: str) -> P
     if is_file(own):
         return own
     folder = _lerobots_folder()
-    found = sorted(path for name in (robot_type, SHARED_TYPE) for path in (folder / name).glob("*.json"))
+    found = sorted(path for name in (robot_type, SHARED_ROBOT_TYPE) for path in (folder / name).glob("*.json"))
     if len(found) == 1:
         return found[0]
     if found:

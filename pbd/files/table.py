@@ -16,17 +16,17 @@ from pbd.files.header_line import (
     cells_of,
     delimiter_of,
     find_header,
+    headerless_advice,
     with_delimiters,
     with_line_below,
     without_comments,
     without_cut_row,
-    without_names,
 )
 from pbd.io.numbers import NO_NUMBER, date_order, number, seconds
-from pbd.io.read_file import decoded, read_bytes
+from pbd.io.read_file import MOST_DATA_BYTES, decoded, read_bytes, read_text
 from pbd.pose import Array
 
-FOREIGN_ENCODINGS = ("utf-8-sig", "gb18030", "cp1252")
+FOREIGN_ENCODINGS = ("utf-8", "gb18030", "cp1252")
 """Encodings of other programs' text files, in the order in which they are tried: UTF-8, Chinese, western Windows."""
 
 NEXT_STEP = "give a CSV file"
@@ -34,7 +34,7 @@ NEXT_STEP = "give a CSV file"
 LONGEST_PREAMBLE = 100
 """Largest number of lines above the header."""
 
-BLOCK = 1_000_000
+BLOCK_CHARACTERS = 1_000_000
 """Characters that are parsed at once. A larger block needs more memory."""
 
 ROWS_AT_ONCE = 20_000
@@ -63,9 +63,9 @@ class Sheet:
 
     Attributes:
         body: the text of the rows.
-        line: the line number of the first row.
+        first_line: the number of the first row's line in the file, counted from 1.
         foreign: another program wrote it; without commas as delimiters, numbers may have decimal commas.
-        complete: no cell may be empty.
+        cells_required: no cell may be empty.
         preamble: the text above the header.
     """
 
@@ -73,20 +73,20 @@ class Sheet:
     header: tuple[str, ...]
     body: str
     delimiter: str
-    line: int
+    first_line: int
     foreign: bool = False
     error: type[PbdError] = RecordingError
-    complete: bool = False
+    cells_required: bool = False
     preamble: str = ""
 
     def words(self, name: str) -> list[str]:
         """Return the cells of a column of text."""
         k = self.header.index(name)
-        return [row[k].strip() for _, row in self._rows(self.body, self.line) if row[k:]]
+        return [row[k].strip() for _, row in self._rows(self.body, self.first_line) if row[k:]]
 
     def cell(self, name: str, row: int) -> tuple[int, str]:
         """Return the line number and the text of a column's cell in a row, counted from 0."""
-        line, cells = next(islice(self._rows(self.body, self.line), row, None))
+        line, cells = next(islice(self._rows(self.body, self.first_line), row, None))
         return line, cells[self.header.index(name)].strip()
 
     def first_and_last(self, name: str) -> list[str]:
@@ -107,10 +107,10 @@ class Sheet:
         """
         wanted = self.header if names is None else tuple(dict.fromkeys(names))
         refuse_missing(self.path, self.header, wanted, self.error)
-        self.refuse_twice(wanted)
+        self.refuse_duplicates(wanted)
         columns = [self.header.index(name) for name in wanted]
         dated = {self.header.index(name): date_order(self.first_and_last(name)) for name in wanted if name in times}
-        parts, line = [], self.line
+        parts, line = [], self.first_line
         for block in [self.body] if '"' in self.body else _blocks(self.body):  # a quoted cell may contain line ends
             rows = self._read_numbers(block)
             parts.append(self._read_cells(block, line, columns, dated) if rows is None else rows[:, columns])
@@ -118,7 +118,7 @@ class Sheet:
         # Contiguous columns: they are read one sensor at a time, and tracking is several times as fast with them.
         return Table(self.path, wanted, np.concatenate([part.T for part in parts], axis=1).T)
 
-    def refuse_twice(self, names: Sequence[str]) -> None:
+    def refuse_duplicates(self, names: Sequence[str]) -> None:
         """Refuse columns of which the header has two: it is unknown which one is meant."""
         if twice := next((name for name in names if self.header.count(name) > 1), None):
             raise self._fault(None, f"the column '{printable(twice)}' is there twice", "rename one", value=twice)
@@ -136,7 +136,7 @@ class Sheet:
         if (len(ends) + 1) % width or ends[width - 1 :: width].sum() != ends.sum() or b"\n\n" in data:
             return None  # rows of different lengths
         data = b"[" + data.replace(b"\n", b",") + b"]"
-        if not self.complete:
+        if not self.cells_required:
             for empty in (b",,", b",,", b"[,", b",]"):  # twice, for neighbouring empty cells
                 data = data.replace(empty, empty[:1] + b"null" + empty[1:])
         with suppress(ValueError):  # not JSON
@@ -183,29 +183,31 @@ class Sheet:
         try:
             if self.foreign and self.delimiter != "," and _DECIMAL_COMMA.fullmatch(cell):
                 cell = cell.replace(",", ".")
-            if not self.complete and cell.strip().lower() in NO_NUMBER:
+            if not self.cells_required and cell.strip().lower() in NO_NUMBER:
                 return float("nan")
             return seconds(cell, order) if order else number(cell)
         except ValueError:
-            name, next_step = self.header[column], "correct the cell" + ", or leave it empty" * (not self.complete)
-            next_step += "; or import it with --rate HZ, in place of the times" * (order is not None)
-            if _DECIMAL_COMMA.fullmatch(cell):
-                write = "write numbers with a point (export it again, or put a point for each comma)"
-                next_step = f"it has a decimal comma: {write}"
-            if cell.strip() == name:
-                next_step = "the header is there again: cut the file there, or remove the line if one recording goes on"
+            name = self.header[column]
             what = f"'{printable(cell)}' in column '{printable(name)}' is not a number"
-            raise self._fault(line, what, next_step, column=name, value=cell) from None
+            raise self._fault(line, what, self._advice(cell, name, order), column=name, value=cell) from None
+
+    def _advice(self, cell: str, name: str, order: str | None) -> str:
+        if cell.strip() == name:
+            return "the header is there again: cut the file there, or remove the line if one recording goes on"
+        if _DECIMAL_COMMA.fullmatch(cell):
+            return "it has a decimal comma: write numbers with a point (export it again, or put a point for each comma)"
+        empty = "" if self.cells_required else ", or leave it empty"
+        return f"correct the cell{empty}" + ("; or import it with --rate HZ, in place of the times" if order else "")
 
     def _fault(self, line: int | None, what: str, next_step: str, **fields: object) -> PbdError:
         return self.error.at(self.path, f"{what}; {next_step}", line, **fields)
 
 
 def _blocks(text: str) -> Iterator[str]:
-    """Cut a text at line ends into blocks of about BLOCK characters."""
+    """Cut a text at line ends into blocks of about BLOCK_CHARACTERS characters."""
     at = 0
     while at < len(text):
-        end = text.find("\n", at + BLOCK) + 1 or len(text) + 1
+        end = text.find("\n", at + BLOCK_CHARACTERS) + 1 or len(text) + 1
         yield text[at : end - 1]
         at = end
 
@@ -243,10 +245,8 @@ def open_sheet(
     Raises:
         error: the file can't be read as text, is empty, or has no rows.
     """
-    if text is None and foreign:
-        text = foreign_text(path, error=error)
-    elif text is None:
-        text = decoded(read_bytes(path, error, NEXT_STEP), path, error, NEXT_STEP, FOREIGN_ENCODINGS[:1])
+    if text is None:
+        text = foreign_text(path, error=error) if foreign else read_text(path, error, NEXT_STEP, MOST_DATA_BYTES)
     in_file = text
     if foreign:
         text = with_delimiters(text)
@@ -269,7 +269,7 @@ def open_sheet(
     for line in lines[above + 1 : above + 1 + skipped]:
         header = with_line_below(header, cells_of(line, delimiter))
     recording = error is RecordingError
-    if foreign and recording and (what := without_names(path, header, in_file, above)):
+    if foreign and recording and (what := headerless_advice(path, header, in_file, above)):
         raise error.at(path, what, above + 1)
     if not header[-1]:
         header.pop()

@@ -18,10 +18,10 @@ from pbd.io.numbers import finite
 from pbd.io.urdf import LONGEST_M, read_urdf_xml, read_xml
 
 ACTUATED = ("revolute", "continuous", "prismatic")
-RESERVED = "universe"
+RESERVED_NAME = "universe"
 """Pinocchio's name for the frame of the world; it finds no other link or joint of that name."""
-KINDS = (*ACTUATED, "fixed", "floating", "planar")
-ENDS = {"lower": -math.inf, "upper": math.inf}
+JOINT_TYPES = (*ACTUATED, "fixed", "floating", "planar")
+NO_LIMITS = {"lower": -math.inf, "upper": math.inf}
 """The keys of a <limit>'s positions, and what they are for a joint without such limits."""
 
 
@@ -116,7 +116,7 @@ def read_urdf(path: Path) -> Urdf:
     return Urdf(path, tuple(links), {joint.name: joint for joint in joints}, tuple(dict.fromkeys(meshes)))
 
 
-def read_poses(path: Path) -> dict[str, dict[str, float]]:
+def read_named_poses(path: Path) -> dict[str, dict[str, float]]:
     """Read an SRDF's named poses: pose -> joint -> rad or m. The first of two poses with one name wins."""
     poses: dict[str, dict[str, float]] = {}
     for state in read_xml(path).iterfind("group_state"):
@@ -143,8 +143,8 @@ def _check_tree(path: Path, links: Sequence[str], joints: Sequence[UrdfJoint]) -
     ):
         if twice := next((name for name, count in Counter(names).items() if count > 1), None):
             raise RobotError.at(path, what.format(repr(twice)))
-    if RESERVED in (*links, *known):
-        raise RobotError.at(path, f"a link or joint is named {RESERVED!r}, as pinocchio's own frame is; rename it")
+    if RESERVED_NAME in (*links, *known):
+        raise RobotError.at(path, f"a link or joint is named {RESERVED_NAME!r}, as pinocchio's own frame is; rename it")
     for joint in joints:
         for link in (joint.parent, joint.child):
             if link not in links:
@@ -171,8 +171,8 @@ def _joint(path: Path, element: ET.Element) -> UrdfJoint:
     axis, mimic = element.find("axis"), element.find("mimic")
     bounded = kind in ("revolute", "prismatic")
     wrong = None
-    if kind not in KINDS:
-        wrong = f"has the type {kind!r}; make it one of {listed(KINDS)}"
+    if kind not in JOINT_TYPES:
+        wrong = f"has the type {kind!r}; make it one of {listed(JOINT_TYPES)}"
     elif lacking := [tag for tag, part in parts.items() if part is None and (tag != "limit" or bounded)]:
         wrong = f"has no {listed(f'<{tag}>' for tag in lacking)}; add it"
     elif axis is not None and kind in ACTUATED and not any(map(float, axis.get("xyz", "1").split())):
@@ -180,7 +180,7 @@ def _joint(path: Path, element: ET.Element) -> UrdfJoint:
     if wrong or parent is None or child is None:
         raise RobotError.at(path, f"joint {name!r} {wrong}", joint=name)
     limits = {} if limit is None else limit.attrib
-    lower, upper = (float(limits.get(key, 0.0)) if bounded else end for key, end in ENDS.items())
+    lower, upper = (float(limits.get(key, 0.0)) if bounded else end for key, end in NO_LIMITS.items())
     soft = element.find("safety_controller")
     if bounded and soft is not None and {"soft_lower_limit", "soft_upper_limit"} <= soft.attrib.keys():
         lower = max(lower, float(soft.attrib["soft_lower_limit"]))

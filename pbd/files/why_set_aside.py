@@ -24,7 +24,7 @@ _GENERATED = re.compile(
 """A line that pbd itself writes into the demo.toml of a simulated or a fused demonstration."""
 
 
-def is_aside(folder: Path) -> bool:
+def is_set_aside(folder: Path) -> bool:
     """Whether a demonstration has the name of one that was set aside (`name_aside`), such as tea.before."""
     return re.fullmatch(r".+\.(before|new)(-\d+)?", folder.name) is not None
 

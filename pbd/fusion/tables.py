@@ -63,9 +63,9 @@ def fusion_table(path: HandPath, units: Units) -> Table:
             *units.lengths(path.p_nav_sensor[stop.start]),
             *fine.lengths(float(sigma[k, :3].max()), finer=1),
             *fine.lengths(fusion.scatter[k], finer=1),
-            f"{100.0 * float(fusion.unsure[k, :3].mean()):.0f} %",
+            f"{100.0 * float(fusion.log_sigma[k, :3].mean()):.0f} %",
             *units.angles(float(fusion.turn[k])),
-            f"{100.0 * float(fusion.unsure[k, 3]):.0f} %",
+            f"{100.0 * float(fusion.log_sigma[k, 3]):.0f} %",
         )
     return table
 
@@ -100,7 +100,7 @@ def fusion_rows(path: HandPath) -> dict[str, Any]:
                 "sigma_m": sigma[k, :3].tolist(),
                 "scatter_m": fusion.scatter[k].tolist(),
                 "scatter_deg": float(np.degrees(fusion.turn[k])),
-                "scatter_unsure": fusion.unsure[k].tolist(),
+                "scatter_unsure": fusion.log_sigma[k].tolist(),
                 "tolerance_m": fusion.tolerance_m[k].tolist(),
                 "tolerance_deg": float(np.degrees(fusion.tolerance_rad[k])),
             }
@@ -108,7 +108,7 @@ def fusion_rows(path: HandPath) -> dict[str, Any]:
         ],
         "scatter_m": fusion.overall[0],
         "scatter_deg": float(np.degrees(fusion.overall[1])),
-        "scatter_unsure": list(fusion.overall_unsure),
+        "scatter_unsure": list(fusion.overall_log_sigma),
         "thing": None if fusion.thing is None else asdict(fusion.thing),
     }
 

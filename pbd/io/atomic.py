@@ -50,19 +50,19 @@ def atomic_folder(
     folder: Path,
     replace: bool = True,
     why_kept: Callable[[Path, Path], str] = lambda old, new: "",
-    alone: bool = False,
+    locked: bool = False,
 ) -> Iterator[Path]:
     """Yield a temporary folder beside `folder`. On success it takes the name `folder`, on an error it is removed.
 
     With `replace`, an existing folder is first renamed (`name_aside`), and then removed unless `why_kept` says why not;
     of a link only the link is removed. Without `replace`, a folder that another program makes meanwhile is an error.
-    With `alone`, for a block that reads the existing folder, one `pbd` at a time is in the block; others wait.
+    With `locked`, for a block that reads the existing folder, one `pbd` at a time is in the block; others wait.
 
     Raises:
         RecordingError: the folder can't be written.
     """
     refuse_name(folder)
-    lock = lock_folder(folder.parent) if alone else nullcontext()
+    lock = lock_folder(folder.parent) if locked else nullcontext()
     with _os_errors_as(RecordingError, folder), _new_folder(folder.parent), lock, _temporary(folder) as new:
         new.mkdir()
         yield new

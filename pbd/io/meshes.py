@@ -23,7 +23,7 @@ from pbd.io.atomic import is_file
 from pbd.io.read_file import read_bytes
 from pbd.pose import Array
 
-FORMATS = (".dae", ".stl", ".obj", ".ply", ".glb")
+MESH_SUFFIXES = (".dae", ".stl", ".obj", ".ply", ".glb")
 
 MOST_BYTES = 200_000_000
 """Largest mesh file, bytes: four million triangles as a binary STL."""
@@ -37,7 +37,7 @@ LOOKS = ("bind_material", "instance_camera", "instance_light", "library_effects"
 MOST_NODES = 20_000
 """Largest number of nodes of a DAE scene; a node that is shown n times counts n times."""
 
-LARGEST = 1e6
+LARGEST_COORDINATE = 1e6
 """Largest coordinate of a mesh, in the file's unit: a kilometre in mm."""
 
 _VERSION = 6
@@ -122,14 +122,14 @@ def _parse(path: Path, data: bytes) -> TriangleSoup:
     if not sum(len(corners) for corners, _ in parts):
         raise RobotError(f"mesh {path} has no face; convert it to STL anew", path=path)
     corners, rgb = (np.concatenate(each) for each in zip(*parts, strict=True))
-    if not (np.abs(corners) <= LARGEST).all():
+    if not (np.abs(corners) <= LARGEST_COORDINATE).all():
         raise RobotError(f"mesh {path} has a vertex that is not a number or too far away; export it anew", path=path)
     return TriangleSoup(corners, rgb)
 
 
 def _trimesh(data: bytes, kind: str) -> Iterator[tuple[Array, Array]]:
-    if kind not in FORMATS:
-        raise ValueError(f"it is none of {', '.join(FORMATS)}")
+    if kind not in MESH_SUFFIXES:
+        raise ValueError(f"it is none of {', '.join(MESH_SUFFIXES)}")
     import trimesh
 
     logging.getLogger("trimesh").addHandler(logging.NullHandler())  # else trimesh prints tracebacks of handled errors

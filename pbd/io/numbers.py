@@ -22,7 +22,7 @@ NO_NUMBER = frozenset(
 DATE_ORDERS = ("ymd", "dmy", "mdy", "ydm")
 LARGEST_NUDGE_M = 0.5
 """Largest nudge or tolerance along an axis, m. A larger one was probably meant in millimetres."""
-YEAR_2000 = date(2000, 1, 1).toordinal()
+YEAR_2000_DAY = date(2000, 1, 1).toordinal()
 
 
 def number(text: str) -> float:
@@ -99,4 +99,4 @@ def _day(parts: Sequence[str | None], order: str) -> int:
     if named["m"].isalpha():
         named["m"] = str(_MONTHS.index(named["m"].lower()) + 1)
     year, month, day = map(int, named.values())
-    return date(year + 2000 * (year < 100), month, day).toordinal() - YEAR_2000
+    return date(year + 2000 * (year < 100), month, day).toordinal() - YEAR_2000_DAY

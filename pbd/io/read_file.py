@@ -8,14 +8,14 @@ from pathlib import Path
 
 from pbd.errors import PbdError, in_words
 
-SMALL = 4_000_000
+MOST_TEXT_BYTES = 4_000_000
 """Largest file that a person writes (TOML, JSON, points), bytes. The bundled ones have less than 10 kB."""
 
-LARGE = 1_000_000_000
+MOST_DATA_BYTES = 1_000_000_000
 """Largest file of samples, bytes: ten hours of nine channels at 200 Hz as CSV."""
 
 
-def read_bytes(path: Path, error: type[PbdError], next_step: str, most: int = LARGE, name: str = "") -> bytes:
+def read_bytes(path: Path, error: type[PbdError], next_step: str, most: int = MOST_DATA_BYTES, name: str = "") -> bytes:
     """Read a regular file.
 
     Args:
@@ -35,7 +35,7 @@ def read_bytes(path: Path, error: type[PbdError], next_step: str, most: int = LA
         raise error(f"{name or path}: can't be read ({why}); {next_step}", path=path) from None
 
 
-def read_text(path: Path, error: type[PbdError], next_step: str, most: int = SMALL, name: str = "") -> str:
+def read_text(path: Path, error: type[PbdError], next_step: str, most: int = MOST_TEXT_BYTES, name: str = "") -> str:
     """Read a text file (`read_bytes`, `decoded`)."""
     return decoded(read_bytes(path, error, next_step, most, name), name or path, error, next_step)
 
@@ -52,7 +52,7 @@ def decoded(
         else:
             text = text.removeprefix("\ufeff")
             return text.replace("\r\n", "\n").replace("\r", "\n") if "\r" in text else text
-    tried = ", ".join(encoding.removesuffix("-sig") for encoding in encodings)
+    tried = ", ".join(encodings)
     raise error.at(path, f"can't be read as text (tried {tried}; byte {reason.start} does not fit); {next_step}")
 
 

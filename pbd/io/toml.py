@@ -1,7 +1,7 @@
 """Strict reading of TOML: a missing key, an unknown key or a wrong type is an error with file, line and key.
 
-A reader asks a `Section` for each key that it knows. `done` then refuses all other keys, so a misspelt key is never
-ignored.
+A reader asks a `Section` for each key that it knows. `refuse_unread` then refuses all other keys, so a misspelt key is
+never ignored.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from typing import Any, NoReturn, TypeVar
 from pbd.data.world import IN_METRES, REACH_M, beyond_reach
 from pbd.errors import PbdError, printable
 from pbd.io.read_file import read_text
-from pbd.io.toml_source import DECIMAL_POINTS, TO_THE_TOP, TomlSource, inside
+from pbd.io.toml_source import DECIMAL_POINTS, TO_THE_TOP, TomlSource, dotted_name
 
 MOST_BYTES = 1_000_000
 """Largest TOML file, bytes: 2000 keyframes."""
@@ -95,14 +95,14 @@ class Section:
         if key not in self and default is not _REQUIRED:
             return default
         values = self._get(key, "must be a table", _is_table)
-        inner = Section(self._source, inside(self.name, key), values, 0, self._top)
+        inner = Section(self._source, dotted_name(self.name, key), values, 0, self._top)
         self._sections.append(inner)
         return inner
 
     def tables(self, key: str) -> list[Section]:
         """Return the `[[key]]` tables; an empty list without the key."""
         values = self._get(key, f"must be [[{key}]] tables", _list_of(_is_table), [])
-        name = inside(self.name, key)
+        name = dotted_name(self.name, key)
         inner = [Section(self._source, name, value, i, self._top) for i, value in enumerate(values)]
         self._sections.extend(inner)
         return inner
@@ -178,7 +178,7 @@ class Section:
         values = self._get(key, kind, lambda v: _is_table(v) and all(map(_is_number, v.values())), {})
         return {name: float(item) for name, item in values.items()}
 
-    def format(self, number: int) -> None:
+    def require_format(self, number: int) -> None:
         """Refuse a file whose `format` is not `number`."""
         if (found := self.number("format")) != number:
             next_step = "it was written by a newer pbd: update pbd" if found > number else "correct it"
@@ -190,14 +190,14 @@ class Section:
         word = self._get(key, rule, lambda v: isinstance(v, str) and v in choices, default)
         return default if word is default else choices[word]
 
-    def done(self) -> None:
+    def refuse_unread(self) -> None:
         """Refuse keys that were not read, here and in the tables inside."""
         for key in self._unread():
             if key in self._top._asked and key not in self._top._values:
                 self.fail(key, "is about the whole file", TO_THE_TOP)
             self.fail(key, f"is unknown; the keys here are {', '.join(self._asked)}", "remove or rename it")
         for inner in self._sections:
-            inner.done()
+            inner.refuse_unread()
 
     def fail(self, key: str, what: str, next_step: str = "correct it") -> NoReturn:
         """Raise the file's error with the name and line of `key`."""

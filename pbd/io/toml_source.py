@@ -49,7 +49,7 @@ class TomlSource:
         `index` is the number of the [[section]] table, counted from 0.
         """
         keys, headers = self._lines
-        found = [keys.get((section, index, key)), headers.get((inside(section, key), 0))]
+        found = [keys.get((section, index, key)), headers.get((dotted_name(section, key), 0))]
         if any(found):
             return min(filter(None, found))
         outer, _, name = section.rpartition(".")
@@ -72,6 +72,6 @@ class TomlSource:
         return keys, headers
 
 
-def inside(section: str, key: str) -> str:
+def dotted_name(section: str, key: str) -> str:
     """Return the dotted name of a table in a section; the top level's name is empty."""
     return f"{section}.{key}".lstrip(".")

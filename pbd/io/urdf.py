@@ -37,7 +37,7 @@ MOST_SHAPES = 2000
 LONGEST_M = 100.0
 """Largest coordinate of an <origin>, and largest size of a shape, m."""
 
-LARGEST = 1e9
+LARGEST_NUMBER = 1e9
 """Largest angle, mass or scale, in SI units."""
 
 LARGEST_LIMIT = 1e20
@@ -52,7 +52,7 @@ class _Rule:
     """How many numbers an attribute must have, and their bounds; `mirrored`: `least` bounds the magnitude."""
 
     count: int
-    most: float = LARGEST
+    most: float = LARGEST_NUMBER
     least: float = -math.inf
     mirrored: bool = False
     needed: bool = False
@@ -84,7 +84,7 @@ RULES: dict[str, dict[str, _Rule]] = {
     "cylinder": {"radius": _LENGTH, "length": _LENGTH},
     "sphere": {"radius": _LENGTH},
     "capsule": {"radius": _LENGTH, "length": _LENGTH},
-    "mesh": {"scale": _Rule(3, LARGEST, SMALLEST_M, mirrored=True)},
+    "mesh": {"scale": _Rule(3, LARGEST_NUMBER, SMALLEST_M, mirrored=True)},
 }
 """Rules of the attributes of each element. Negative scales mirror a mesh."""
 

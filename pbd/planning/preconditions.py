@@ -9,7 +9,7 @@ import numpy as np
 
 from pbd.calibration.dock import TILT_WARNING_DEG
 from pbd.data import HandPath, Keyframe
-from pbd.data.tracking import UNSURE_M
+from pbd.data.tracking import UNSURE_SIGMA_M
 from pbd.errors import TrackingError, amount, warn
 from pbd.planning.options import hand_durations
 from pbd.pose import Pose
@@ -59,7 +59,7 @@ def check_certainty(keyframes: Sequence[Keyframe], scale: float, path: HandPath 
     """
     variances = [scale**2 * float(np.linalg.eigvalsh(keyframe.cov[:3, :3]).max()) for keyframe in keyframes]
     least_sure, added = int(np.argmax(variances)), np.diff(variances, prepend=0.0)
-    if variances[least_sure] <= UNSURE_M**2:
+    if variances[least_sure] <= UNSURE_SIGMA_M**2:
         return
     worst = int(np.argmax(added))
     if worst > 0 and added[worst] > 0.5 * variances[least_sure]:

@@ -15,8 +15,8 @@ from pbd.data import Fusion
 from pbd.data.one_line_repr import counted
 from pbd.plots.compare import Comparison
 from pbd.plots.panels import XYZ
-from pbd.plots.space import YX, YZ, ellipse, fit_3d, label_keyframes, label_keyframes_3d, view
-from pbd.plots.style import AXES_RGB, GREY, INK, RUNS_RGB, legend, length_unit, new_figure, plain_text
+from pbd.plots.space import YX, YZ, ellipse, fit_3d, fit_view, label_keyframes, label_keyframes_3d
+from pbd.plots.style import AXES_RGB, DEMOS_RGB, GREY, INK, legend, length_unit, new_figure, plain_text
 from pbd.pose import Array
 
 DASHES, DOTS = ("-", "--", ":", "-."), "os^D"
@@ -49,7 +49,7 @@ def _views(comparison: Comparison) -> Figure:
     both[0].set_title(_subtitle(comparison))
     shown, numbered = [run.p for run in comparison.runs], []
     for ax, axes in zip(both, (YX, YZ), strict=True):
-        scale, columns = view(ax, shown, axes, 1.0), list(axes)
+        scale, columns = fit_view(ax, shown, axes, 1.0), list(axes)
         covered = [scale * run.p[:, columns] for run in comparison.runs]
         for k, path in enumerate(covered):
             ax.plot(*path.T, **_line(k))
@@ -136,12 +136,12 @@ def _subtitle(comparison: Comparison) -> str:
 
 
 def _line(run: int) -> dict[str, Any]:
-    count = len(RUNS_RGB)
-    return {"color": RUNS_RGB[run % count], "linestyle": DASHES[run // count % len(DASHES)]}
+    count = len(DEMOS_RGB)
+    return {"color": DEMOS_RGB[run % count], "linestyle": DASHES[run // count % len(DASHES)]}
 
 
 def _dots(run: int) -> dict[str, Any]:
-    look = {"color": RUNS_RGB[run % len(RUNS_RGB)], "marker": "o", "markersize": 3.5}
+    look = {"color": DEMOS_RGB[run % len(DEMOS_RGB)], "marker": "o", "markersize": 3.5}
     return look | {"linestyle": "", "zorder": 5.0}
 
 
@@ -174,8 +174,8 @@ def _match(fusion: Fusion) -> Figure:
     for axis, ax in enumerate(axes):
         ax.fill_between(k, *(sign * 1e3 * fusion.tolerance_m[:, axis] for sign in (-1, 1)), color=GREY, alpha=0.15)
         for i, take in enumerate(used):
-            look = {"color": RUNS_RGB[i % len(RUNS_RGB)], "linestyle": "", "markersize": 4.5}
-            dot = DOTS[i // len(RUNS_RGB) % len(DOTS)]
+            look = {"color": DEMOS_RGB[i % len(DEMOS_RGB)], "linestyle": "", "markersize": 4.5}
+            dot = DOTS[i // len(DEMOS_RGB) % len(DOTS)]
             shift = 0.5 * (i + 0.5) / len(used) - 0.25
             label = plain_text(take.name, LONGEST_NAME) if i < MAX_NAMED else None
             out = np.isin(k, take.outliers)
@@ -191,7 +191,7 @@ def _match(fusion: Fusion) -> Figure:
 def _scatter(fusion: Fusion) -> Figure:
     """The hand's scatter at each keyframe, and the sigma of that estimate."""
     title = "How the hand scatters from take to take, without the tracker's uncertainty"
-    return _standard_deviations(title, _used_takes(fusion), fusion.scatter, fusion.turn, fusion.unsure)
+    return _standard_deviations(title, _used_takes(fusion), fusion.scatter, fusion.turn, fusion.log_sigma)
 
 
 def _used_takes(fusion: Fusion) -> str:

@@ -18,11 +18,11 @@ from pbd.plots.demo_values import DemoValues
 from pbd.plots.space import YX, YZ, label_keyframes, label_keyframes_3d, path_3d, path_view
 from pbd.plots.style import (
     AXES_RGB,
-    CHECK,
+    FINDING_LOOK,
     GREY,
     INK,
-    PALE,
-    SIGMA,
+    SIGMA_RGB,
+    TRUTH_LOOK,
     VERMILION,
     event_legend,
     legend,
@@ -40,7 +40,7 @@ VIEW_SIZE = (8.4, 6.4)
 """Size of a picture of the path, inches."""
 A4 = (11.69, 8.27)
 """Landscape, inches."""
-FINDING_WIDTH, FINDING_LINES, LINES = 46, 5, 14
+FINDING_WIDTH, FINDING_LINES, ALL_FINDINGS_LINES = 46, 5, 14
 """In the summary: characters per line, lines of one finding, and lines of all findings."""
 
 
@@ -152,9 +152,9 @@ def _summary_legend(demo: DemoValues) -> list[Artist]:
     """The legend's entries for all axes of the summary."""
     names = zip(("x, roll", "y, pitch", "z, yaw"), AXES_RGB, strict=True)
     handles: list[Artist] = [Line2D([], [], color=colour, label=name) for name, colour in names]
-    handles.append(Line2D([], [], color=SIGMA, linewidth=1.6, label="σ"))
+    handles.append(Line2D([], [], color=SIGMA_RGB, linewidth=1.6, label="σ"))
     if demo.truth is not None:
-        handles += [Line2D([], [], color=GREY, label="truth", **PALE), Line2D([], [], color=INK, label="error")]
+        handles += [Line2D([], [], color=GREY, label="truth", **TRUTH_LOOK), Line2D([], [], color=INK, label="error")]
     colour, label = (GREY, "g, at rest") if demo.field is None else (VERMILION, "disturbed beyond")
     return [*handles, Line2D([], [], color=colour, linestyle="--", label=label), *event_legend(demo)]
 
@@ -165,13 +165,13 @@ def _words(figure: SubFigure, demo: DemoValues) -> None:
     for k, (name, value) in enumerate(facts):
         figure.text(0.0, 0.97 - 0.058 * k, name, va="top", color=GREY)
         figure.text(0.2, 0.97 - 0.058 * k, plain_text(value, 44), va="top", color=INK)
-    look = {"bbox": CHECK | {"linewidth": 1.0}} if demo.findings else {}
+    look = {"bbox": FINDING_LOOK | {"linewidth": 1.0}} if demo.findings else {}
     figure.text(0.59, 0.97, "check" if demo.findings else "no problems found", va="top", color=INK, **look)
     line = 0.0
     for k, finding in enumerate(demo.findings):
         words = plain_text(finding.words, FINDING_WIDTH * FINDING_LINES)
         wrapped = textwrap.wrap(words, FINDING_WIDTH, max_lines=FINDING_LINES, placeholder=" …")
-        full = line + len(wrapped) > LINES
+        full = line + len(wrapped) > ALL_FINDINGS_LINES
         text = f"and {len(demo.findings) - k} more" if full else "\n".join(wrapped)
         figure.text(0.59, 0.9 - 0.048 * line, text, va="top", color=INK, linespacing=1.35)
         if full:
@@ -179,26 +179,26 @@ def _words(figure: SubFigure, demo: DemoValues) -> None:
         line += len(wrapped) + 0.4
 
 
-VARIANCE = "Variance of the resulting acceleration, equations 8 and 9 (as the paper's figure 6)"
-FORCE = ((2.3, panels.specific_force), (2.3, panels.motion_acceleration))
-SIGMAS = [(1.25, partial(panels.sigma, axis=axis)) for axis in range(3)]
+VARIANCE_TITLE = "Variance of the resulting acceleration, equations 8 and 9 (as the paper's figure 6)"
+FORCE_PANELS = ((2.3, panels.specific_force), (2.3, panels.motion_acceleration))
+SIGMA_PANELS = [(1.25, partial(panels.sigma, axis=axis)) for axis in range(3)]
 FIGURES: Mapping[str, Callable[[DemoValues], Figure]] = {
     "summary": _summary,
     "resulting-acceleration": _over_time(
         "Resulting acceleration, equation 7 (as the paper's figure 5)", (3.2, panels.resulting)
     ),
-    "variance": _over_time(VARIANCE, (3.2, panels.variance)),
+    "variance": _over_time(VARIANCE_TITLE, (3.2, panels.variance)),
     "motion": _over_time("Motion and stops (as the paper's figure 7)", (2.6, panels.speed), (0.9, panels.moves)),
     "path": _path,
     "view-yx": _view("Path seen from above, yx (as the paper's figure 9)", YX),
     "view-yz": _view("Path seen along x, yz (as the paper's figure 10)", YZ),
     "position": _over_time("Position", (3.6, panels.position)),
     "attitude": _over_time("Attitude", (3.6, panels.attitude)),
-    "gravity": _over_time("Specific force, and motion acceleration without gravity", *FORCE),
+    "gravity": _over_time("Specific force, and motion acceleration without gravity", *FORCE_PANELS),
     "velocity": _over_time(
         "Velocity, and its residual at each stop (closure)", (2.7, panels.velocity), (1.7, panels.closure)
     ),
-    "sigma": _over_time("Sigma along the path", *SIGMAS, (1.25, panels.sigma_turn)),
+    "sigma": _over_time("Sigma along the path", *SIGMA_PANELS, (1.25, panels.sigma_turn)),
     "field": _over_time(
         "Magnetic field, against the first rest", (2.0, panels.field_strength), (2.0, panels.field_dip)
     ),

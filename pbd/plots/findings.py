@@ -20,14 +20,14 @@ SHORT_STOP_S = 0.3
 UNSURE_MOVE_M = 0.01
 """Largest sigma, m, that a move adds without a finding. (`pbd record` says "pause now" above it.)"""
 
-DRIFT_ACC = 0.2
+DRIFT_M_S2 = 0.2
 """Largest bias of a cheap accelerometer, m/s2 (20 mg). A larger residual velocity has another cause."""
 
 TREMBLE_S, TREMBLE_WITHIN_M, TREMBLE_WITHIN_RAD = 0.5, 0.015, 0.3
 """A hand is held still if during TREMBLE_S seconds its pose varies by less than this distance, m, and angle, rad."""
-TREMBLE_RMS = 0.3
+TREMBLE_RMS_M_S2 = 0.3
 """Smallest acceleration, m/s2 rms, of a trembling hand. A short and slow move reaches at most 0.25."""
-TREMBLE_MEAN = 0.25
+TREMBLE_MEAN_SHARE = 0.25
 """Largest ratio of squared mean to mean square of a trembling hand's acceleration, whose direction alternates."""
 
 OFF_SIGMAS = 4.0
@@ -51,7 +51,7 @@ class Finding:
     spans: tuple[Span, ...] = ()
 
 
-Weighed = tuple[float, Finding]
+RankedFinding = tuple[float, Finding]
 """Severity, and the finding."""
 
 
@@ -123,7 +123,7 @@ def ranges(numbers: Sequence[int]) -> str:
     return ", ".join(words if len(words) <= MAX_RANGES else [*words[: MAX_RANGES - 1], "…"])
 
 
-def _grouped(found: Iterable[Weighed], summary: str) -> list[Finding]:
+def _grouped(found: Iterable[RankedFinding], summary: str) -> list[Finding]:
     """The findings, worst first; more than MAX_LISTED are summed up in one."""
     worst = [finding for _, finding in sorted(found, key=lambda each: -each[0])]
     if len(worst) <= MAX_LISTED:
@@ -141,7 +141,7 @@ def _first_rest(path: HandPath) -> Iterator[Finding]:
         yield Finding(f"{rest}: hold still for two seconds", path.rests[:1])
 
 
-def _doubted(path: HandPath, names: Sequence[str], doubted: Sequence[int]) -> Iterator[Weighed]:
+def _doubted(path: HandPath, names: Sequence[str], doubted: Sequence[int]) -> Iterator[RankedFinding]:
     for k in doubted:
         sure = path.stops[k].weight
         words = (
@@ -151,7 +151,7 @@ def _doubted(path: HandPath, names: Sequence[str], doubted: Sequence[int]) -> It
         yield -sure, Finding(words, (path.rests[k],))
 
 
-def _short_stops(path: HandPath, names: Sequence[str], doubted: Sequence[int]) -> Iterator[Weighed]:
+def _short_stops(path: HandPath, names: Sequence[str], doubted: Sequence[int]) -> Iterator[RankedFinding]:
     for k, stop in enumerate(path.stops[1:], start=1):
         if k not in doubted and round(stop.dwell_s, 2) < SHORT_STOP_S:  # rounded as in the text
             words = (
@@ -161,7 +161,7 @@ def _short_stops(path: HandPath, names: Sequence[str], doubted: Sequence[int]) -
             yield -stop.dwell_s, Finding(words, (path.rests[k],))
 
 
-def _trembling(path: HandPath, names: Sequence[str], a_nav: Array) -> Iterator[Weighed]:
+def _trembling(path: HandPath, names: Sequence[str], a_nav: Array) -> Iterator[RankedFinding]:
     """Find times at which the hand is held still but trembles, so that no stop is found."""
     n = max(2, round(TREMBLE_S * (len(path.t) - 1) / float(path.t[-1] - path.t[0])))
     trembles = _trembles(path, a_nav, n)
@@ -195,15 +195,15 @@ def _trembles(path: HandPath, a_nav: Array, n: int) -> NDArray[np.bool_]:
     reach = maximum_filter1d(values, n, axis=0, origin=ahead) - minimum_filter1d(values, n, axis=0, origin=ahead)
     squares = (a_nav**2).sum(axis=1)
     steady = (uniform_filter1d(a_nav, n, axis=0, origin=ahead) ** 2).sum(axis=1)
-    alternates = steady < TREMBLE_MEAN * uniform_filter1d(squares, n, origin=ahead)
+    alternates = steady < TREMBLE_MEAN_SHARE * uniform_filter1d(squares, n, origin=ahead)
     # The hand must tremble all the time: setting it down is a single bump.
     smallest = minimum_filter1d(uniform_filter1d(squares, max(n // 2, 1)), n, origin=ahead)
-    return np.asarray((reach <= 1.0).all(axis=1) & (smallest > TREMBLE_RMS**2) & alternates)
+    return np.asarray((reach <= 1.0).all(axis=1) & (smallest > TREMBLE_RMS_M_S2**2) & alternates)
 
 
 def _unsure_moves(path: HandPath, names: Sequence[str], added_m: Array) -> list[Finding]:
     """Find moves that add much uncertainty."""
-    advice, found, worst = "stop on the way, or move more calmly", list[Weighed](), ""
+    advice, found, worst = "stop on the way, or move more calmly", list[RankedFinding](), ""
     for k in sorted(np.flatnonzero(added_m > UNSURE_MOVE_M).tolist(), key=lambda k: -added_m[k]):
         move = f"from {names[k]} to {names[k + 1]} ({_move_s(path, k):.1f} s)"
         sigma = length_text(float(added_m[k]))
@@ -218,12 +218,12 @@ def _unsure_moves(path: HandPath, names: Sequence[str], added_m: Array) -> list[
 
 def _residual_velocities(
     path: HandPath, names: Sequence[str], doubted: Sequence[int], added_m: Array
-) -> Iterator[Weighed]:
+) -> Iterator[RankedFinding]:
     """Find moves that end with more velocity than drift explains, and that have no other finding."""
     for k, residual in enumerate(np.linalg.norm(path.closure, axis=1).tolist()):
         duration = _move_s(path, k)
         remarked = added_m[k] > UNSURE_MOVE_M or k in doubted or k + 1 in doubted
-        if residual > DRIFT_ACC * duration and not remarked:
+        if residual > DRIFT_M_S2 * duration and not remarked:
             words = (
                 f"a residual velocity of {length_text(residual)}/s at {stop_phrase(names[k + 1])}, after a move of "
                 f"{duration:.1f} s, is more than drift: hold still at {names[k]} and {names[k + 1]}, and turn "

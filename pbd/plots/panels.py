@@ -6,7 +6,7 @@ from matplotlib.ticker import NullLocator
 
 from pbd.data import Stop
 from pbd.plots.demo_values import DemoValues
-from pbd.plots.style import AXES_RGB, BLUE, GREY, INK, PALE, SIGMA, SKY, VERMILION, largest, length_unit
+from pbd.plots.style import AXES_RGB, BLUE, GREY, INK, SIGMA_RGB, SKY, TRUTH_LOOK, VERMILION, largest, length_unit
 from pbd.pose import Array
 from pbd.tracking.paper import LAMBDA_V
 from pbd.tracking.residual_tests import FIELD_CHANGE
@@ -26,8 +26,8 @@ def _lines(ax: Axes, t: Array, values: Array, names: tuple[str, ...] = XYZ) -> N
 
 def _truth_lines(ax: Axes, t: Array, values: Array) -> None:
     for column, colour in zip(values.T, AXES_RGB, strict=True):
-        ax.plot(t, column, color=colour, zorder=1.8, **PALE)
-    ax.plot([], [], color=GREY, label="truth", **PALE)
+        ax.plot(t, column, color=colour, zorder=1.8, **TRUTH_LOOK)
+    ax.plot([], [], color=GREY, label="truth", **TRUTH_LOOK)
 
 
 def position(ax: Axes, demo: DemoValues) -> None:
@@ -73,7 +73,7 @@ def speed(ax: Axes, demo: DemoValues) -> None:
     scale, unit = length_unit(path.v_nav_sensor[rows])
     if demo.truth is not None:
         true = np.linalg.norm(demo.truth.v_nav_sensor, axis=1)
-        ax.plot(demo.truth.t, scale * true, color=GREY, label="truth", **PALE)
+        ax.plot(demo.truth.t, scale * true, color=GREY, label="truth", **TRUTH_LOOK)
     ax.plot(path.t[rows], scale * np.linalg.norm(path.v_nav_sensor[rows], axis=1), color=INK, label="speed")
     ax.set_ylabel(f"speed ({unit}/s)")
 
@@ -165,7 +165,7 @@ def _sigma_unit(demo: DemoValues) -> tuple[float, str, float]:
 def sigma_turn(ax: Axes, demo: DemoValues) -> None:
     """Sigma of the attitude: tilt (about the worse horizontal axis) and heading."""
     t, turn = demo.path.t[demo.path.demonstrated], np.degrees(demo.sigma[demo.path.demonstrated, 3:])
-    ax.plot(t, turn[:, :2].max(axis=1), color=SIGMA, label="tilt")
+    ax.plot(t, turn[:, :2].max(axis=1), color=SIGMA_RGB, label="tilt")
     ax.plot(t, turn[:, 2], color=BLUE, label="heading")
     ax.set_ylim(0.0, 1.25 * max(largest(turn), 0.1))
     ax.set_ylabel("attitude, σ (°)")
@@ -175,7 +175,7 @@ def overall_sigma(ax: Axes, demo: DemoValues) -> None:
     """Sigma of the position, the largest over the axes, and the norm of the error."""
     scale, unit, _ = _sigma_unit(demo)
     t = demo.path.t[demo.path.demonstrated]
-    ax.plot(t, scale * demo.sigma[demo.path.demonstrated, :3].max(axis=1), color=SIGMA, linewidth=1.6, label="σ")
+    ax.plot(t, scale * demo.sigma[demo.path.demonstrated, :3].max(axis=1), color=SIGMA_RGB, linewidth=1.6, label="σ")
     if demo.truth is not None:
         ax.plot(t, scale * np.linalg.norm(demo.truth.error[demo.path.demonstrated], axis=1), color=INK, label="error")
     ax.set_ylim(bottom=0.0)

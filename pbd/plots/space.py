@@ -12,7 +12,7 @@ from mpl_toolkits.mplot3d.axes3d import Axes3D
 
 from pbd.plots.demo_values import DemoValues
 from pbd.plots.findings import ranges
-from pbd.plots.style import AXES_RGB, GREY, INK, KNOWN, PALE, SIGMA, SKY, lay_out, length_unit
+from pbd.plots.style import AXES_RGB, GREY, INK, KNOWN_LOOK, SIGMA_RGB, SKY, TRUTH_LOOK, lay_out, length_unit
 from pbd.pose import Array, quat_to_matrix
 
 YX, YZ = (1, 0), (1, 2)
@@ -67,7 +67,7 @@ def path_3d(ax: Axes3D, demo: DemoValues) -> tuple[Array, Array]:
     p, at, triads, floor = scale * inside, scale * at, scale * triads, ax.get_zlim()[0]
     ax.plot(p[:, 0], p[:, 1], floor, color="#c8c8c8", linewidth=1.0, zorder=1.0)
     for each in truth:
-        ax.plot(*(scale * each).T, color=SKY, zorder=2.0, label="truth", **PALE)
+        ax.plot(*(scale * each).T, color=SKY, zorder=2.0, label="truth", **TRUTH_LOOK)
     ax.plot(*p.T, color=INK, zorder=4.0, label="path")
     ax.plot(*at.T, color=INK, marker="o", markersize=3.5, linestyle="", zorder=6.0, label="keyframe")
     origins = at[::every]
@@ -99,7 +99,7 @@ def _step(count: int) -> int:
     return -(-count // MAX_NUMBERED)
 
 
-def view(ax: Axes, shown: Sequence[Array], axes: tuple[int, int], aspect: float = 0.85) -> float:
+def fit_view(ax: Axes, shown: Sequence[Array], axes: tuple[int, int], aspect: float = 0.85) -> float:
     """Set axes to one scale that fits paths (m, 3) in m, with axes[0] to the left and axes[1] up.
 
     `aspect` is the axes' height over their width.
@@ -121,28 +121,28 @@ def path_view(ax: Axes, demo: DemoValues, axes: tuple[int, int]) -> tuple[Array,
     """Draw the path in a view, and keyframes with ellipses of two sigma; return the arguments of `label_keyframes`."""
     columns, every = list(axes), _step(len(demo.keyframes))
     inside, truth = _paths(demo)
-    low, high = _room(np.vstack([inside, *truth]))
+    low, high = _largest_view(np.vstack([inside, *truth]))
     reach = [2.0 * np.sqrt(np.diagonal(keyframe.cov)[:3]) for keyframe in demo.keyframes]
     p = np.array([keyframe.T_nav_sensor.p for keyframe in demo.keyframes])
     corners = np.vstack((p - reach, p + reach))
-    scale = view(ax, [inside, *truth, corners.clip(low, high)], axes)
+    scale = fit_view(ax, [inside, *truth, corners.clip(low, high)], axes)
     beyond = bool(((corners < low) | (corners > high))[:, columns].any())
     for each in truth:
-        ax.plot(*(scale * each[:, columns]).T, color=SKY, label="truth", **PALE)
+        ax.plot(*(scale * each[:, columns]).T, color=SKY, label="truth", **TRUTH_LOOK)
     ax.plot(*(scale * inside[:, columns]).T, color=INK, label="path")
     at = scale * p[:, columns]
     covered = [scale * inside[:, columns]]
     for centre, keyframe in zip(at[::every], demo.keyframes[::every], strict=True):
         covered.append(ellipse(centre, scale**2 * keyframe.cov[np.ix_(columns, columns)]))
-        ax.plot(*covered[-1].T, color=SIGMA, linewidth=0.9, label="2 σ, some\nbeyond the edge" if beyond else "2 σ")
+        ax.plot(*covered[-1].T, color=SIGMA_RGB, linewidth=0.9, label="2 σ, some\nbeyond the edge" if beyond else "2 σ")
     ax.plot(*at.T, color=INK, marker="o", markersize=3.5, linestyle="", label="keyframe")
     known = at[[demo.is_known(keyframe) for keyframe in demo.keyframes]]
     if len(known):
-        ax.plot(*known.T, **KNOWN)
+        ax.plot(*known.T, **KNOWN_LOOK)
     return at, np.vstack(covered)
 
 
-def _room(points: Array) -> tuple[Array, Array]:
+def _largest_view(points: Array) -> tuple[Array, Array]:
     """Lowest and highest corner, m, of the largest box that a view shows: the path, and half its extent around it."""
     middle, extent = _middle_and_extent(points, SMALLEST_BOX_M)
     reach = 0.5 * extent + 0.5 * float(extent.max())

@@ -39,15 +39,15 @@ BLUE, VERMILION, PURPLE = "#0072b2", "#d55e00", "#cc79a7"
 """Okabe and Ito's palette, which the colour-blind can distinguish."""
 AXES_RGB = (VERMILION, GREEN, BLUE)
 """Colours of x, y, z, and of roll, pitch, yaw."""
-RUNS_RGB = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY)
+DEMOS_RGB = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY)
 """Colours of several demonstrations."""
-SIGMA = PURPLE
+SIGMA_RGB = PURPLE
 INK, GREY, REST = "#222222", "#6e6e6e", "#e9e9e9"
-KNOWN: dict[str, Any] = {"marker": "s", "markersize": 7.0, "markerfacecolor": "none", "markeredgecolor": PURPLE}
-KNOWN |= {"linestyle": "", "label": "known place"}
-CHECK: dict[str, Any] = {"facecolor": "#f4ec8c", "edgecolor": "#f4ec8c", "linewidth": 2.0}
+KNOWN_LOOK: dict[str, Any] = {"marker": "s", "markersize": 7.0, "markerfacecolor": "none", "markeredgecolor": PURPLE}
+KNOWN_LOOK |= {"linestyle": "", "label": "known place"}
+FINDING_LOOK: dict[str, Any] = {"facecolor": "#f4ec8c", "edgecolor": "#f4ec8c", "linewidth": 2.0}
 """Highlight of a finding. The edge keeps a very short one visible."""
-PALE: dict[str, Any] = {"alpha": 0.35, "linewidth": 4.0, "solid_capstyle": "butt"}
+TRUTH_LOOK: dict[str, Any] = {"alpha": 0.35, "linewidth": 4.0, "solid_capstyle": "butt"}
 """Look of the truth: a broad, pale line below the thin line of the tracked value."""
 
 FAMILY = "DejaVu Sans"
@@ -156,7 +156,7 @@ def mark_events(ax: Axes, demo: DemoValues, numbers: bool = False) -> None:
     rests = [(begin, end - begin) for begin, end in demo.path.rests]
     ax.broken_barh(rests, (0.0, 1.0), transform=low_to_high, facecolor=REST, edgecolor=REST, linewidth=0.8, zorder=0.0)
     spans = [(begin, end - begin) for finding in demo.findings for begin, end in finding.spans]
-    ax.broken_barh(spans, (0.0, 1.0), transform=low_to_high, zorder=0.1, **CHECK)
+    ax.broken_barh(spans, (0.0, 1.0), transform=low_to_high, zorder=0.1, **FINDING_LOOK)
     for event in demo.path.grip:
         ax.axvline(event.t, color=ORANGE, linewidth=1.0, linestyle="--", zorder=1.5)
         ax.plot(event.t, 1.0, transform=low_to_high, clip_on=False, zorder=3.0, **_grip(event.closed))
@@ -191,7 +191,7 @@ def _number(ax: Axes, demo: DemoValues) -> None:
         if demo.is_known(keyframe):
             label.set_bbox(frame)
         elif words.endswith("?"):
-            label.set_bbox(frame | CHECK)
+            label.set_bbox(frame | FINDING_LOOK)
 
 
 def event_legend(demo: DemoValues) -> list[Artist]:
@@ -201,7 +201,7 @@ def event_legend(demo: DemoValues) -> list[Artist]:
         if any(event.closed == closed for event in demo.path.grip):
             handles.append(Line2D([], [], **_grip(closed) | {"label": f"grip {what}"}))
     if demo.path.claims:
-        handles.append(Line2D([], [], **KNOWN))
+        handles.append(Line2D([], [], **KNOWN_LOOK))
     if any(finding.spans for finding in demo.findings):
-        handles.append(Patch(**CHECK, label="check"))
+        handles.append(Patch(**FINDING_LOOK, label="check"))
     return handles

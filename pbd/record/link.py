@@ -140,6 +140,6 @@ def _no_samples_error(session: Session, reader: Reader) -> SensorError:
         count = f"{tally.packets or 'no'} whole packet{'s' if tally.packets > 1 else ''}"
         message = (
             f"{amount(reader.bytes_seen, 'byte')} came from {port.device}{at}, but {count} of {sensor}: "
-            f"{describe_bytes(session.first_bytes, port.baud, sensor, tally.why)}"
+            f"{describe_bytes(session.first_bytes, port.baud, sensor, tally.last_fault)}"
         )
     return SensorError(message, path=port.device, baud=port.baud)

@@ -10,7 +10,7 @@ from pbd.record.link import Link
 from pbd.record.session import Session
 from pbd.record.session_types import ENDED_BY, Command, Outcome, RecordOptions, Status
 from pbd.sensors.decoding import Decoder
-from pbd.sensors.reader import Reader, Source
+from pbd.sensors.reader import ByteSource, Reader
 
 SCREEN_EVERY_S = 0.1
 """Time between two updates of the screen, s."""
@@ -22,7 +22,7 @@ Poll = Callable[[], Command | None]
 
 
 def record(
-    open_port: Callable[[], Source],
+    open_port: Callable[[], ByteSource],
     decoder: Decoder,
     options: RecordOptions,
     poll: Poll,

@@ -6,7 +6,7 @@ import numpy as np
 
 from pbd.calibration.sensor_changed import disagreements
 from pbd.data import Keyframe, LinearErrors, SensorErrors
-from pbd.data.tracking import UNSURE_M
+from pbd.data.tracking import UNSURE_SIGMA_M
 from pbd.errors import PbdError
 from pbd.pose import Array
 from pbd.record.session_types import Message
@@ -120,7 +120,7 @@ class Feedback:
             self._moves = {index: move for index, move in self._moves.items() if index <= event.index}
             if event.index:
                 text = f"stop {event.index} at {describe_stop(event.keyframe)}"
-                lost = position_sigma(event.keyframe) > UNSURE_M
+                lost = position_sigma(event.keyframe) > UNSURE_SIGMA_M
                 advice = "very uncertain: pause in long moves, or begin again" if lost else "you may move on"
                 # A known index is the same stop with a better position, so it rings no second bell.
                 self.say(event.announced_t, text if known else f"{text}: {advice}", bell=not known)

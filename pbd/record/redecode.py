@@ -42,7 +42,7 @@ def decode_raw(path: Path, decoder: Decoder, sensor: str, rate_hz: float | None 
     if len(samples) < 2:
         first, correct = data[:FIRST_BYTES], "name the sensor that it came from"
         if identify_protocol(first) or printed_line(first):
-            correct = describe_bytes(first, None, sensor, decoder.tally.why)
+            correct = describe_bytes(first, None, sensor, decoder.tally.last_fault)
         raise RecordingError.at(path, f"no samples of {sensor} in its {amount(len(data), 'byte')}; {correct}")
     stored = read_demo(path.parent) if (path.parent / "demo.toml").is_file() else None
     samples, t, clock = _sample_times(path, samples, None if stored is None else stored.recording, rate_hz)

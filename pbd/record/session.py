@@ -73,7 +73,7 @@ class Session:
             if decoded.acc is not None:
                 self.heard = arrival
                 self._add(self._clock.take(decoded, decoded.t_device, arrival))
-        while self._presses < self.decoder.tally.presses:
+        while self._presses < self.decoder.tally.grip_presses:
             self._presses += 1
             self.toggle_grip()
         if len(self.first_bytes) < FIRST_BYTES:
@@ -263,7 +263,7 @@ class Session:
             stops=self.feedback.stops,
             ended_by=ended_by,
             backup_note=self._backup_note,
-            why_bad=self.decoder.tally.why,
+            why_bad=self.decoder.tally.last_fault,
             why_failed=self._why_failed,
         )
 

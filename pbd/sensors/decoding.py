@@ -32,13 +32,13 @@ class Sample(NamedTuple):
 class Tally:
     """Counts of good packets, of broken or impossible ones, and of presses of the device's own grip buttons.
 
-    `why` is what was wrong with the last bad packet and what to do, where the person chose how packets are read.
+    `last_fault` is what was wrong with the last bad packet and what to do, where the person chose how packets are read.
     """
 
     packets: int = 0
     bad_packets: int = 0
-    presses: int = 0
-    why: str = ""
+    grip_presses: int = 0
+    last_fault: str = ""
 
 
 class WrappingClock:

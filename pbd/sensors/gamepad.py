@@ -92,7 +92,7 @@ class GamepadDecoder:
                 elif kind == EV_MSC and code == MSC_RAW and value in PADS:
                     self._acc_per_g, self._pad = value, PADS[value]
                 elif kind == EV_KEY:
-                    self.tally.presses += value == 1 and code in GRIP_KEYS
+                    self.tally.grip_presses += value == 1 and code in GRIP_KEYS
                 elif kind == EV_SYN:
                     self._end_report(code, samples)
         self._rest = data[at:]

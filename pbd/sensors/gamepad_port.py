@@ -10,7 +10,7 @@ from pathlib import Path
 
 from pbd.errors import SensorError, in_words
 from pbd.sensors.gamepad import AXES, EV_ABS, EV_KEY, EV_MSC, EV_SYN, EVENT, MSC_RAW, PADS, SYN_DROPPED, make_event
-from pbd.sensors.reader import READ_TIMEOUT_S, Source
+from pbd.sensors.reader import READ_TIMEOUT_S, ByteSource
 
 MOTION_SENSORS_NAME = re.compile(r"(.+) (?:Motion Sensors|IMU|\(IMU\))")
 """Device name that hid-playstation and hid-nintendo give the motion sensors. Group 1 is the buttons' device name."""
@@ -44,7 +44,7 @@ def find_gamepads() -> dict[str, tuple[str, str | None]]:
     return found
 
 
-class GamepadPort(Source):
+class GamepadPort(ByteSource):
     """Reads the motion sensors and the buttons of a pad."""
 
     def __init__(self, device: str, buttons: str | None = None) -> None:

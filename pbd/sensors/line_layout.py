@@ -173,7 +173,7 @@ def layout_from_toml(text: str, name: str = "layout") -> LineLayout:
     units, wrap = top.section("units", None), top.number("wrap", None, within=MAX_WRAP)
     separator = top.text("separator", ",", blank=True)
     given = {quantity: unit for quantity in UNITS if units and (unit := units.text(quantity, None))}
-    top.done()
+    top.refuse_unread()
     try:
         return LineLayout(lines, given, SEPARATORS.get(separator, separator), wrap)
     except UsageError as error:

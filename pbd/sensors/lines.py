@@ -71,7 +71,7 @@ class LineDecoder:
             sample = self._readers[prefix].read(line[start:], self._clock)
         except ValueError as error:
             self.tally.bad_packets += 1
-            self.tally.why = str(error)
+            self.tally.last_fault = str(error)
             return
         self.tally.packets += 1
         if len(self._readers) == 1:

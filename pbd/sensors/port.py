@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from pbd.errors import SensorError
-from pbd.sensors.reader import READ_TIMEOUT_S, Source
+from pbd.sensors.reader import READ_TIMEOUT_S, ByteSource
 
 
 class PortInfo(NamedTuple):
@@ -32,7 +32,7 @@ def list_ports() -> tuple[PortInfo, ...]:
     return tuple(sorted(found, key=lambda port: (not port.usb, port.device)))
 
 
-class Port(Source):
+class Port(ByteSource):
     """An open serial port."""
 
     def __init__(self, serial: Any, device: str, baud: int, what: str = "sensor") -> None:

@@ -147,7 +147,7 @@ def find_baud(port: Port, make: Callable[[], Decoder], sensor: str) -> int:
     decoder.feed(identified)
     raise SensorError(
         f"{amount(count, 'byte')} came from {port.device}, but no whole packet of {sensor} (tried {tried} baud): "
-        f"{describe_bytes(identified, None, sensor, decoder.tally.why)}",
+        f"{describe_bytes(identified, None, sensor, decoder.tally.last_fault)}",
         path=port.device,
     )
 

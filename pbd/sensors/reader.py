@@ -15,11 +15,11 @@ TAKE_BYTES = 32768
 """`Reader.take` returns once it has this many bytes, about 0.1 s of the fastest sensor, so that its caller can do other
 work between two calls."""
 
-CLOSE_S = 5.0
+CLOSE_TIMEOUT_S = 5.0
 """Longest time that `Reader.close` waits for a read that hangs, s."""
 
 
-class Source(Protocol):
+class ByteSource(Protocol):
     """A source of a sensor's bytes: a serial port, a phone, a gamepad.
 
     Attributes:
@@ -54,7 +54,7 @@ class Reader:
         latest: arrival of the latest piece taken, or `opened`, s.
     """
 
-    def __init__(self, open_port: Callable[[], Source]) -> None:
+    def __init__(self, open_port: Callable[[], ByteSource]) -> None:
         self._open = open_port
         self._pieces: queue.SimpleQueue[tuple[bytes, float] | SensorError] = queue.SimpleQueue()
         self.bytes_seen = 0
@@ -87,7 +87,7 @@ class Reader:
     def close(self) -> None:
         """Stop reading and close the port."""
         self._ending.set()
-        self._thread.join(CLOSE_S)
+        self._thread.join(CLOSE_TIMEOUT_S)
         self.port.close()
 
     def _start(self) -> None:

@@ -71,10 +71,10 @@ FIELDS_READ = {
     (4, 1): ("ypr",),
     (4, 2): ("quat",),
 }
-FORMATS = {"time": ("Q", 1), "quat": ("4f", 4)}
+VALUE_FORMATS = {"time": ("Q", 1), "quat": ("4f", 4)}
 """Struct format and number of values of a quantity; the others are three floats."""
 
-GROUPS_LENGTH = tuple(1 + 2 * groups.bit_count() for groups in range(256))
+HEADER_BYTES = tuple(1 + 2 * groups.bit_count() for groups in range(256))
 """Value of the byte that names the groups -> number of bytes in it and in the masks that follow it."""
 
 _SENTENCE = re.compile(rb"\$(VN(RRG,\d\d|[A-Z]{3})([ -#%-)+-~]*))\*([0-9A-Fa-f]{4}|[0-9A-Fa-f]{2})\r?\n")
@@ -117,7 +117,7 @@ class VectorNavDecoder(PacketDecoder):
         return end + 1 - at
 
     def _binary(self, data: bytes, at: int, samples: list[Sample]) -> int:
-        fields_at = at + 1 + GROUPS_LENGTH[data[at + 1]] if len(data) > at + 1 else len(data) + 1
+        fields_at = at + 1 + HEADER_BYTES[data[at + 1]] if len(data) > at + 1 else len(data) + 1
         if fields_at > len(data):
             return 0
         layout = _packet_layout(data[at + 1 : fields_at])
@@ -178,7 +178,7 @@ def _packet_layout(header: bytes) -> tuple[Struct, dict[str, int]] | None:
             if mask >> bit & 1:
                 field = ""
                 for what in FIELDS_READ.get((group, bit), ()):
-                    code, count = FORMATS.get(what, ("3f", 3))
+                    code, count = VALUE_FORMATS.get(what, ("3f", 3))
                     offsets[what], numbers, field = numbers, numbers + count, field + code
                 formats += f"{field}{size - calcsize('<' + field)}x"
     for what in ("mag", "acc", "gyr"):  # uncompensated values are used only where compensated ones are not sent

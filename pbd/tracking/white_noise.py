@@ -3,7 +3,7 @@
 import numpy as np
 
 from pbd.data import Recording
-from pbd.data.recording import step_of
+from pbd.data.recording import resolution_of
 from pbd.pose import Array
 from pbd.tracking.first_rest import REST_S
 from pbd.tracking.moving_windows import rows_of_mean, white_noise_variance
@@ -21,7 +21,7 @@ is a quarter (five frequencies on three axes, and neighbouring frequencies are c
 
 def steps_of(recording: Recording) -> tuple[float, float]:
     """The step of the gyro's readings, rad/s, and of the accelerometer's, m/s2; infinity: no reading differs."""
-    gyr, acc = (np.inf if values is None else step_of(values) for values in (recording.gyr, recording.acc))
+    gyr, acc = (np.inf if values is None else resolution_of(values) for values in (recording.gyr, recording.acc))
     return gyr, acc
 
 

@@ -9,7 +9,7 @@ from pbd.data import Keyframe
 from pbd.pose import Array, Pose
 from pbd.view import shapes
 from pbd.view.live_path import LivePath
-from pbd.view.meshcat_encoding import solid, two_sigma
+from pbd.view.meshcat_encoding import scene_object, two_sigma_transform
 from pbd.view.server import LiveViewer, invite
 
 FAST_M_S = 0.6
@@ -26,9 +26,9 @@ PIECES_AT_ONCE = 2
 SMALLEST_M, SMALLEST_RAD = 2e-4, 2e-3
 """Smallest motion, m and rad, that is drawn."""
 
-ROOM_M, MARGIN_M = 0.1, 0.03
-"""The camera's view grows by steps of ROOM_M, when the hand is nearer than MARGIN_M to its edge, m."""
-FIRST_ROOM_M = np.array([[-0.1, -0.1, 0.0], [0.2, 0.2, 0.2]])
+VIEW_STEP_M, VIEW_MARGIN_M = 0.1, 0.03
+"""The camera's view grows by steps of VIEW_STEP_M, when the hand is nearer than VIEW_MARGIN_M to its edge, m."""
+FIRST_VIEW_M = np.array([[-0.1, -0.1, 0.0], [0.2, 0.2, 0.2]])
 """Lowest and highest corner, m in nav, of the view at the start."""
 
 State = Literal["waits", "still", "moves", "pause", "ended"]
@@ -76,14 +76,14 @@ class LiveView:
         self._path = LivePath()
         self._known: tuple[Keyframe, ...] = ()
         self._drawn: list[Pose] = []
-        self._room = FIRST_ROOM_M
+        self._room = FIRST_VIEW_M
         self._T_nav_hand = Pose.identity()
         self._viewer = LiveViewer(advice="record without --live")
         self._scene = self._viewer.visualizer
-        self._triad = solid(shapes.triad(shapes.TRIAD_M, shapes.TRIAD_RADIUS_M))
-        self._ball = solid(shapes.sphere(1.0, shapes.UNSURE_RGB), opacity=shapes.UNSURE_OPACITY)
-        self._scene["nav"].set_object(solid(shapes.triad(NAV_M, NAV_RADIUS_M)))
-        self._scene["hand/box"].set_object(solid(shapes.box(BOX_M, BOX_RGB)))
+        self._triad = scene_object(shapes.triad(shapes.TRIAD_M, shapes.TRIAD_RADIUS_M))
+        self._ball = scene_object(shapes.sphere(1.0, shapes.UNSURE_RGB), opacity=shapes.UNSURE_OPACITY)
+        self._scene["nav"].set_object(scene_object(shapes.triad(NAV_M, NAV_RADIUS_M)))
+        self._scene["hand/box"].set_object(scene_object(shapes.box(BOX_M, BOX_RGB)))
         self._scene["hand/triad"].set_object(self._triad)
 
     def open(self, title: str, subtitle: str, open_browser: bool = True) -> None:
@@ -127,9 +127,9 @@ class LiveView:
             self._path.grow(picture.t, picture.p_nav_sensor, picture.v_nav_sensor)
             low, high = self._path.corners()
             # A hand on the table may seem to be a little below its start, which must not lower the ground.
-            low = ROOM_M * np.floor((low - (MARGIN_M, MARGIN_M, -MARGIN_M)) / ROOM_M)
-            high = ROOM_M * np.ceil((high + MARGIN_M) / ROOM_M)
-            self._room = np.array((np.minimum(FIRST_ROOM_M[0], low), np.maximum(FIRST_ROOM_M[1], high)))
+            low = VIEW_STEP_M * np.floor((low - (VIEW_MARGIN_M, VIEW_MARGIN_M, -VIEW_MARGIN_M)) / VIEW_STEP_M)
+            high = VIEW_STEP_M * np.ceil((high + VIEW_MARGIN_M) / VIEW_STEP_M)
+            self._room = np.array((np.minimum(FIRST_VIEW_M[0], low), np.maximum(FIRST_VIEW_M[1], high)))
 
     def _draw(self, picture: LivePicture) -> bool:
         """Send what has changed; return whether more is left than one picture takes."""
@@ -138,7 +138,7 @@ class LiveView:
             self._draw_stop(i, keyframe)
         for name, points, speed in self._path.take(PIECES_AT_ONCE):
             tube = shapes.tube(points, shapes.speed_rgb(speed / FAST_M_S), shapes.PATH_RADIUS_M, sides=6)
-            self._scene[f"path/{name}"].set_object(solid(tube))
+            self._scene[f"path/{name}"].set_object(scene_object(tube))
         T_nav_hand = Pose(picture.p_nav_sensor, picture.wxyz_nav_sensor)
         if _has_moved(self._T_nav_hand, T_nav_hand):
             self._T_nav_hand = T_nav_hand
@@ -166,7 +166,7 @@ class LiveView:
         else:
             return
         node["triad"].set_transform(T_nav_sensor.matrix())
-        node["two_sigma"].set_transform(two_sigma(T_nav_sensor.p, keyframe.cov[:3, :3]))
+        node["two_sigma"].set_transform(two_sigma_transform(T_nav_sensor.p, keyframe.cov[:3, :3]))
 
 
 def _has_moved(before: Pose, after: Pose) -> bool:

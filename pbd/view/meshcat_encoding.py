@@ -39,7 +39,7 @@ EXTENSION_CODES = {
 FRONT_SIDE, DOUBLE_SIDE = 0, 2
 """three.js' constants."""
 
-STILL = 1e-9
+STILL_CHANGE = 1e-9
 """Smallest change over the motion, m or in a quaternion's components, that is animated."""
 
 LEAST_SIGMA_M = 5e-5
@@ -92,7 +92,7 @@ def linear_light(rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return np.rint(255.0 * light).astype(np.uint8)
 
 
-def solid(mesh: Mesh, opacity: float = 1.0) -> MeshcatMesh:
+def scene_object(mesh: Mesh, opacity: float = 1.0) -> MeshcatMesh:
     """Make an object for `Visualizer.set_object` of a mesh with its own colours."""
     side = FRONT_SIDE if mesh.closed else DOUBLE_SIDE
     material = MeshPhongMaterial(vertexColors=True, opacity=opacity, side=side, shininess=30, specular=0x1C1C1C)
@@ -102,7 +102,7 @@ def solid(mesh: Mesh, opacity: float = 1.0) -> MeshcatMesh:
     return thing
 
 
-def two_sigma(p: Array, cov: Array) -> Array:
+def two_sigma_transform(p: Array, cov: Array) -> Array:
     """Return the matrix (4, 4) that maps the unit ball to the ellipsoid of two sigma.
 
     Args:
@@ -119,7 +119,7 @@ def two_sigma(p: Array, cov: Array) -> Array:
 
 def is_still(values: Array) -> bool:
     """Whether values (n, k) over time are too alike to be animated."""
-    return bool(np.ptp(values, axis=0).max() < STILL)
+    return bool(np.ptp(values, axis=0).max() < STILL_CHANGE)
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,7 @@ from rich.text import Text
 from pbd.view.terminal import escaped, for_rich
 
 
-class Screen(Console):
+class SafeConsole(Console):
     """A console without markup, emoji and highlights, which shows control characters as escapes."""
 
     def __init__(self, stream: TextIO, **options: Any) -> None:

@@ -11,7 +11,7 @@ from pbd.data import Obstacle
 from pbd.data.world import THE_TOOL
 from pbd.pose import Array, Pose
 from pbd.view import shapes
-from pbd.view.meshcat_encoding import PoseTrack, SetTracks, Visualizer, solid, two_sigma
+from pbd.view.meshcat_encoding import PoseTrack, SetTracks, Visualizer, scene_object, two_sigma_transform
 from pbd.view.page_values import describe
 from pbd.view.replay_scene import ReplayScene, Rod
 from pbd.view.robot_motion import Poses, RobotMotion
@@ -60,7 +60,8 @@ def build(scene: ReplayScene, into: Visualizer) -> None:
     carried = carried_object(scene, tool)
     if scene.grasped is not None and carried is not None:
         rgb = CONTACT_RGB if f"the {scene.grasped.shape}" in red else OBJECT_RGB
-        into["object"].set_object(solid(shapes.solid_of(scene.grasped.shape, scene.grasped.size, rgb), OBJECT_OPACITY))
+        mesh = shapes.primitive(scene.grasped.shape, scene.grasped.size, rgb)
+        into["object"].set_object(scene_object(mesh, OBJECT_OPACITY))
         tracks.append(PoseTrack(into["object"].path, motion.t, carried.p, carried.wxyz))
     into.window.send(SetTracks(tracks))
     _obstacles(scene.calibration.obstacles, red, into["obstacles"])
@@ -93,7 +94,7 @@ def _robot(
     for i, visual in enumerate(visuals):
         joint, T_joint_link = motion.link(visual.link)
         node = nodes[joint][f"{i}:{visual.link}".replace("/", "_")]
-        node.set_object(solid(visual.mesh.painted(CONTACT_RGB) if visual.link in red else visual.mesh))
+        node.set_object(scene_object(visual.mesh.painted(CONTACT_RGB) if visual.link in red else visual.mesh))
         node.set_transform((T_joint_link @ visual.T_link_visual).matrix())
     return nodes, tracks
 
@@ -103,10 +104,10 @@ def _placeholder(scene: ReplayScene, rod: Rod, red: bool, nodes: Mapping[int, Vi
     joint, T_joint_body = scene.motion.link(scene.robot.body)
     node, rgb = nodes[joint]["placeholder"], CONTACT_RGB if red else GRIPPER_RGB
     node.set_transform((T_joint_body @ scene.robot.T_body_tool).matrix())
-    node["rod"].set_object(solid(shapes.capsule(0.5 * rod.diameter, rod.length, rgb)))
+    node["rod"].set_object(scene_object(shapes.capsule(0.5 * rod.diameter, rod.length, rgb)))
     node["rod"].set_transform(rod.T_tool_rod.matrix())
     for i, (size, p_tool) in enumerate(_gripper(scene)):
-        node[str(i)].set_object(solid(shapes.box(size, rgb), GRIPPER_OPACITY))
+        node[str(i)].set_object(scene_object(shapes.box(size, rgb), GRIPPER_OPACITY))
         node[str(i)].set_transform(Pose(np.array(p_tool), np.array([1.0, 0.0, 0.0, 0.0])).matrix())
 
 
@@ -128,11 +129,11 @@ def _gripper(scene: ReplayScene) -> list[tuple[tuple[float, float, float], tuple
 def _hand_path(scene: ReplayScene, into: Visualizer) -> None:
     points, index = _thinned(scene.hand_path_base)
     share = scene.hand_speed[index] / max(float(scene.hand_speed.max()), 1e-9)
-    into.set_object(solid(shapes.tube(points, shapes.speed_rgb(share), shapes.PATH_RADIUS_M)))
+    into.set_object(scene_object(shapes.tube(points, shapes.speed_rgb(share), shapes.PATH_RADIUS_M)))
 
 
 def _tool_path(p: Array, rgb: tuple[float, float, float], radius: float, into: Visualizer) -> None:
-    into.set_object(solid(shapes.tube(_thinned(p)[0], np.array(rgb), radius, sides=6)))
+    into.set_object(scene_object(shapes.tube(_thinned(p)[0], np.array(rgb), radius, sides=6)))
 
 
 def _thinned(points: Array) -> tuple[Array, Array]:
@@ -144,24 +145,24 @@ def _thinned(points: Array) -> tuple[Array, Array]:
 
 
 def _keyframes(scene: ReplayScene, into: Visualizer) -> None:
-    triad = solid(shapes.triad(shapes.TRIAD_M, shapes.TRIAD_RADIUS_M))
-    uncertain = solid(shapes.sphere(1.0, shapes.UNSURE_RGB), opacity=shapes.UNSURE_OPACITY)
-    allowed = solid(shapes.sphere(1.0, TOLERANCE_RGB), opacity=TOLERANCE_OPACITY)
+    triad = scene_object(shapes.triad(shapes.TRIAD_M, shapes.TRIAD_RADIUS_M))
+    uncertain = scene_object(shapes.sphere(1.0, shapes.UNSURE_RGB), opacity=shapes.UNSURE_OPACITY)
+    allowed = scene_object(shapes.sphere(1.0, TOLERANCE_RGB), opacity=TOLERANCE_OPACITY)
     for i, (T_base_tool, cov, tolerance) in enumerate(zip(scene.T_base_tool, scene.cov, scene.tolerance, strict=True)):
         into[f"{i}/triad"].set_object(triad)
         into[f"{i}/triad"].set_transform(T_base_tool.matrix())
         if cov[:3, :3].any():
             into[f"{i}/two_sigma"].set_object(uncertain)
-            into[f"{i}/two_sigma"].set_transform(two_sigma(T_base_tool.p, cov[:3, :3]))
+            into[f"{i}/two_sigma"].set_transform(two_sigma_transform(T_base_tool.p, cov[:3, :3]))
         if np.isfinite(tolerance).all():
             into[f"{i}/tolerance"].set_object(allowed)
-            into[f"{i}/tolerance"].set_transform(two_sigma(T_base_tool.p, 0.25 * tolerance))
+            into[f"{i}/tolerance"].set_transform(two_sigma_transform(T_base_tool.p, 0.25 * tolerance))
 
 
 def _obstacles(obstacles: Sequence[Obstacle], red: Set[str], into: Visualizer) -> None:
     for i, obstacle in enumerate(obstacles):
         rgb = CONTACT_RGB if obstacle.name in red else OBSTACLE_RGB
-        into[str(i)].set_object(solid(shapes.solid_of(obstacle.shape, obstacle.size, rgb), OBSTACLE_OPACITY))
+        into[str(i)].set_object(scene_object(shapes.primitive(obstacle.shape, obstacle.size, rgb), OBSTACLE_OPACITY))
         into[str(i)].set_transform(obstacle.T_base_obstacle.matrix())
 
 
@@ -195,4 +196,4 @@ def _swept(poses: Poses, corners: Array) -> Array:
 
 
 def _corners(shape: str, size: tuple[float, ...]) -> Array:
-    return shapes.solid_of(shape, size, (0.0, 0.0, 0.0)).box_corners()
+    return shapes.primitive(shape, size, (0.0, 0.0, 0.0)).box_corners()

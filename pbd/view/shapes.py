@@ -28,7 +28,7 @@ def speed_rgb(share: ArrayLike) -> Array:
     return np.stack([np.interp(np.asarray(share), knots, channel) for channel in SPEED_RGB.T], axis=-1)
 
 
-def solid_of(shape: str, size: Sequence[float], rgb: ArrayLike) -> Mesh:
+def primitive(shape: str, size: Sequence[float], rgb: ArrayLike) -> Mesh:
     """A box (x, y, z), a cylinder (diameter, height) or a sphere (diameter), `size` in m, centred at the origin."""
     if shape == "box":
         return box(size, rgb)

@@ -22,7 +22,7 @@ def escaped(text: str) -> str:
     return text.translate(_ESCAPES)
 
 
-class Stream:
+class SafeStream:
     """A standard stream that shows control characters as escapes.
 
     Args:
@@ -67,7 +67,9 @@ def is_closed(stream: TextIO) -> bool:
 
 def for_rich(stream: TextIO) -> TextIO:
     """The same standard stream for rich, whose control sequences are passed on."""
-    return cast(TextIO, Stream(stream.stream, stream.needed, drawn=True)) if isinstance(stream, Stream) else stream
+    if not isinstance(stream, SafeStream):
+        return stream
+    return cast(TextIO, SafeStream(stream.stream, stream.needed, drawn=True))
 
 
 @contextmanager
@@ -84,8 +86,8 @@ def standard_streams() -> Iterator[None]:
         stdout, stderr = sys.stdout or nowhere("w"), sys.stderr or nowhere("w")
         if isinstance(stdout, io.TextIOWrapper):
             stdout.reconfigure(errors="replace")  # a terminal without a sigma shows a question mark
-        sys.stdout = cast(TextIO, Stream(stdout, needed=True))
-        sys.stderr = cast(TextIO, Stream(stderr, needed=False))
+        sys.stdout = cast(TextIO, SafeStream(stdout, needed=True))
+        sys.stderr = cast(TextIO, SafeStream(stderr, needed=False))
         try:
             yield
         finally:

@@ -18,7 +18,7 @@ from pbd.data.covariance import keyframe_sigmas
 from pbd.data.tracking import DOUBTED_WEIGHT
 from pbd.errors import printable
 from pbd.pose import Array, quat_to_rpy
-from pbd.view.safe_console import Screen
+from pbd.view.safe_console import SafeConsole
 from pbd.view.terminal import escaped
 from pbd.view.units import Units
 
@@ -41,12 +41,12 @@ def print_table(table: Table, stream: TextIO | None = None) -> None:
     """Print to stdout (or `stream`), in colour only at a terminal. A table wider than the terminal continues below."""
     stream = stream or sys.stdout
     if stream.isatty():
-        console = Screen(stream)
+        console = SafeConsole(stream)
         for k, part in enumerate(_fitting(table, console.width)):
             console.print(part, new_line_start=k > 0)
         return
     text = StringIO()
-    Screen(text, width=PIPE_WIDTH).print(table)
+    SafeConsole(text, width=PIPE_WIDTH).print(table)
     print("\n".join(line.rstrip() for line in text.getvalue().splitlines()), file=stream)
 
 

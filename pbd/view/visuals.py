@@ -40,7 +40,7 @@ def read_visuals(robot: Robot) -> tuple[Visual, ...]:
         rgb = shape.rgb or GREY
         if shape.element == "visual":
             is_mesh = shape.kind == "mesh"
-            mesh = load_mesh(shape.mesh, shape.scale, rgb) if is_mesh else shapes.solid_of(shape.kind, shape.size, rgb)
+            mesh = load_mesh(shape.mesh, shape.scale, rgb) if is_mesh else shapes.primitive(shape.kind, shape.size, rgb)
             visuals.append(Visual(shape.link, shape.T_link_shape, mesh))
     return tuple(visuals)
 

@@ -41,7 +41,7 @@ def _triple(rng: random.Random, scale: float) -> list[float]:
 def _os5000_packets(count: int) -> list[bytes]:
     rng, out = random.Random(0), []
     for k in range(count):
-        angles = os5000.compass_angles(quat_from_rpy(_triple(rng, 1.0)))
+        angles = os5000.compass_from_rpy(quat_from_rpy(_triple(rng, 1.0)))
         acc, mag = _triple(rng, 1.0), _triple(rng, 500.0)
         out.append(os5000.by_commas(angles, acc, mag) if k % 4 == 3 else os5000.tagged(angles, acc, mag, "T28.4"))
     return out

@@ -11,7 +11,7 @@ import pytest
 
 from pbd.cli import main
 from pbd.files.demo import load_demo, write_demo
-from pbd.files.exporters import FOLDERS, FORMATS, SUFFIXES
+from pbd.files.exporters import DATASETS, FORMATS, SUFFIXES
 from pbd.io.atomic import refuse_output
 from tests.cli.running import Capture, refused
 
@@ -21,15 +21,15 @@ EXPORT = ("export", "paper-test2", "--robot", "ur5")
 
 
 def command_of(format_name: str) -> list[str]:
-    sampled = [] if FORMATS[format_name].usual_hz is None else ["--rate", "20"]
+    sampled = [] if FORMATS[format_name].default_hz is None else ["--rate", "20"]
     return ["export", "paper-test2", "--robot", "ur5", *sampled]
 
 
-FILES = tuple(name for name in FORMATS if name not in FOLDERS)
+FILES = tuple(name for name in FORMATS if name not in DATASETS)
 
 
 def test_every_suffix_says_a_format() -> None:
-    also = {name for name, each in FORMATS.items() if each.also or name in FOLDERS}
+    also = {name for name, each in FORMATS.items() if each.other_suffixes or name in DATASETS}
     assert {*SUFFIXES.values(), *also} == set(FORMATS)
 
 

@@ -8,7 +8,7 @@ import pytest
 from rich.console import Console
 
 from pbd.cli.recording.live import LiveScreen
-from pbd.cli.recording.screen import KEYS, TRACKED, PanelScreen, PlainScreen, bar
+from pbd.cli.recording.screen import KEYS_LINE, TRACKING_LINE, PanelScreen, PlainScreen, bar
 from pbd.data import Keyframe
 from pbd.errors import PbdError
 from pbd.pose import Pose
@@ -75,7 +75,7 @@ def test_all_of_it_is_there_at_any_width(width: int) -> None:
         "4.0 s, 100 Hz, 400 samples, 3 lost, 2 bad packets",
         "grip closed",
         SAID.text,
-        KEYS,
+        KEYS_LINE,
     ):
         assert expected in words(text)
 
@@ -86,7 +86,7 @@ def test_a_low_terminal_shows_the_latest_and_the_keys() -> None:
         screen.show(replace(STILL, messages=(Message(float(k), f"line {k}"),)))
     text = screen.text(STILL)
     assert "line 8" in text
-    assert KEYS in text
+    assert KEYS_LINE in text
     assert len(text.splitlines()) <= 14
 
 
@@ -102,15 +102,15 @@ def test_a_question_takes_the_place_of_the_keys() -> None:
     screen = Drawn(80)
     screen.ask("sure?")
     assert "sure?" in screen.text(STILL)
-    assert KEYS not in screen.text(STILL)
+    assert KEYS_LINE not in screen.text(STILL)
     screen.ask("")
-    assert KEYS in screen.text(STILL)
+    assert KEYS_LINE in screen.text(STILL)
 
 
 def test_the_final_tracking_takes_the_place_of_the_keys() -> None:
     text = Drawn(80).text(replace(STILL, ended=True))
-    assert TRACKED in text
-    assert KEYS not in text
+    assert TRACKING_LINE in text
+    assert KEYS_LINE not in text
 
 
 def test_a_bar_is_full_at_the_tolerance() -> None:

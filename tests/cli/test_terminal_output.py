@@ -11,7 +11,7 @@ from unittest.mock import Mock
 import pytest
 
 from pbd.cli import main
-from pbd.view.terminal import Stream, escaped
+from pbd.view.terminal import SafeStream, escaped
 from tests.cli.terminal import PBD, Terminal
 
 Capture = pytest.CaptureFixture[str]
@@ -143,9 +143,9 @@ def test_only_what_is_needed_fails() -> None:
         def fileno(self) -> int:
             raise OSError
 
-    assert Stream(Broken(), needed=False).write("a note") == 6  # type: ignore[arg-type]
+    assert SafeStream(Broken(), needed=False).write("a note") == 6  # type: ignore[arg-type]
     with pytest.raises(OSError, match="No space"):
-        Stream(Broken(), needed=True).write("a result")  # type: ignore[arg-type]
+        SafeStream(Broken(), needed=True).write("a result")  # type: ignore[arg-type]
 
 
 def test_the_streams_of_a_program_that_calls_are_put_back() -> None:

@@ -239,7 +239,7 @@ def test_each_format_has_its_file() -> None:
         "check_export",
         "controller_interpolation",
     }
-    assert files == {each.file for each in FORMATS.values()}
+    assert files == {each.module for each in FORMATS.values()}
 
 
 def test_a_csv_names_its_columns_whatever_the_joints_names(tmp_path: Path, motion: JointTrajectory) -> None:

@@ -420,7 +420,7 @@ def test_advice_has_the_files_names(tmp_path: Path) -> None:
     source = import_file(tmp_path / "run.csv", {"ay": "-acc_y (g)"}).recording.info.source
     assert source.column_option("ax", "ay", reverse=False) == "--column 'ax=-acc_y (g)'"  # it was reversed before
     assert source.column_option("ay", "ax", reverse=True) == "--column 'ay=-acc X [g]'"
-    assert source.reversed_force() == "--unit acc=-g"
+    assert source.reverse_acc_option() == "--unit acc=-g"
 
 
 # --- bad input --------------------------------------------------------------------------------------------------------

@@ -85,7 +85,7 @@ def test_every_column_of_every_file_is_listed(tmp_path: Path) -> None:
 def test_a_message_names_the_time_of_the_accelerometer(tmp_path: Path) -> None:
     """Each file has times. The accelerometer's are those of the recording."""
     source = import_file(folder(tmp_path / "walk", {"TotalAcceleration": UP, "Gyroscope": TURN})).recording.info.source
-    assert source.must_be_seconds() == "the column 'TotalAcceleration.csv: seconds_elapsed' must be seconds"
+    assert source.time_advice() == "the column 'TotalAcceleration.csv: seconds_elapsed' must be seconds"
 
 
 def test_a_recording_is_found_among_pictures_and_other_tables(tmp_path: Path) -> None:

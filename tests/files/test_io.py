@@ -132,7 +132,7 @@ def test_only_the_known_arrays_of_an_npz_are_read(tmp_path: Path) -> None:
 
 
 def test_a_too_large_array_is_not_decompressed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(npz, "LARGE", 10_000_000)
+    monkeypatch.setattr(npz, "MOST_DATA_BYTES", 10_000_000)
     path = tmp_path / "run.npz"
     np.savez_compressed(path, rate_hz=100.0, acc=np.zeros((500_000, 3)))
     assert path.stat().st_size < 100_000

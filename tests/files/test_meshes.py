@@ -8,7 +8,7 @@ import pytest
 
 from pbd.errors import RobotError
 from pbd.io import meshes
-from pbd.io.meshes import FORMATS, from_mesh, rounded_points
+from pbd.io.meshes import MESH_SUFFIXES, from_mesh, rounded_points
 from pbd.pose import Array
 from tests.reading_meshes import read_mesh
 from tests.unprivileged import full_disk
@@ -157,7 +157,7 @@ def test_formats_without_colours(tmp_path: Path, name: str) -> None:
     [
         ("missing.stl", None, r"can't be read \(No such file.*\); put it there"),
         ("a.obj", b"nothing", "convert it to STL"),
-        ("a.step", b"ISO-10303-21;", f"none of {', '.join(FORMATS)}"),
+        ("a.step", b"ISO-10303-21;", f"none of {', '.join(MESH_SUFFIXES)}"),
         ("a.obj", b"v 0 0 0\nv 1 0 nan\nv 0 1 0\nf 1 2 3\n", "a vertex that is not a number or too far away"),
         ("a.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\n", "convert it to STL"),
         ("a.obj", b"v 0 0\nv 1 0\nv 0 1\nf 1 2 3\n", r"\(a vertex has not three coordinates\); convert it to STL"),

@@ -10,7 +10,7 @@ from pbd.arm.collision.shape_coverage import doubtful_shapes
 from pbd.arm.model import load_model
 from pbd.errors import PbdWarning, RobotError
 from pbd.files.robot import read_robot
-from pbd.files.urdf_tree import read_poses, read_urdf
+from pbd.files.urdf_tree import read_named_poses, read_urdf
 from pbd.io.urdf import collision_shapes, read_shapes
 from tests.known import known
 
@@ -545,14 +545,14 @@ def test_a_loop_of_joints_is_refused(folder: Path) -> None:
 
 def test_poses_of_an_srdf(folder: Path) -> None:
     poses = {"rest": {"shoulder": 0.5, "elbow": -1.0}, "half": {"shoulder": 0.5}}
-    assert read_poses(folder / "mine.srdf") == poses
+    assert read_named_poses(folder / "mine.srdf") == poses
     change(
         folder / "mine.srdf",
         "</robot>",
         """<group_state name="stand"><joint name="elbow" value="-1"/>
            <joint name="free" value="0 0 1 0 0 0 1"/></group_state></robot>""",
     )  # a floating base has seven numbers
-    assert read_poses(folder / "mine.srdf") == {**poses, "stand": {"elbow": -1.0}}
+    assert read_named_poses(folder / "mine.srdf") == {**poses, "stand": {"elbow": -1.0}}
 
 
 # --- files that would break the libraries -----------------------------------------------------------------------------

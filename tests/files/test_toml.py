@@ -47,7 +47,7 @@ def test_keys_that_are_read_are_known(top: Section) -> None:
     ask_all(top)
     assert top.tables("nothing") == []
     assert "nothing" not in top
-    top.done()
+    top.refuse_unread()
 
 
 def test_each_key_that_is_not_read_is_refused_with_its_line(tmp_path: Path) -> None:
@@ -62,7 +62,7 @@ def test_each_key_that_is_not_read_is_refused_with_its_line(tmp_path: Path) -> N
         with pytest.raises(
             CalibrationError, match=r"extra is unknown; the keys here are .*; remove or rename it"
         ) as caught:
-            top.done()
+            top.refuse_unread()
         assert caught.value.fields["line"] == number + 1
         assert caught.value.fields["key"] == "extra"
 
@@ -76,7 +76,7 @@ def test_a_key_of_the_whole_file_below_a_table_is_moved_to_the_top(tmp_path: Pat
     top.flag("flag", False)
     top.tables("row")[0].number("t")
     with pytest.raises(CalibrationError, match=r":4: \[row\] flag is about the whole file; move it above the first \["):
-        top.done()
+        top.refuse_unread()
 
 
 def test_a_key_is_found_in_its_own_table(top: Section) -> None:

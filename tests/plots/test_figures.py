@@ -19,8 +19,8 @@ from pbd.pipeline import track
 from pbd.plots import figures
 from pbd.plots.demo_values import DemoValues, demo_values
 from pbd.plots.findings import Finding
-from pbd.plots.space import label_keyframes, view
-from pbd.plots.style import AXES_RGB, RUNS_RGB, plain_text, write
+from pbd.plots.space import fit_view, label_keyframes
+from pbd.plots.style import AXES_RGB, DEMOS_RGB, plain_text, write
 from pbd.pose import Array, quat_rotate, quat_to_rpy
 from pbd.simulation.hand_motion import Waypoint
 from pbd.simulation.simulate import random_task, simulate
@@ -123,7 +123,7 @@ def test_views_have_one_scale_and_are_no_mirror_image(
 @pytest.mark.parametrize("size_m", [(0.1, 0.4), (0.4, 0.1)])
 def test_a_tall_and_a_wide_path_fit_into_their_view(size_m: tuple[float, float]) -> None:
     ax = Figure().add_subplot()
-    scale = view(ax, [np.array([(0.0, 0.0, 0.0), (*size_m, 0.0)])], (0, 1))
+    scale = fit_view(ax, [np.array([(0.0, 0.0, 0.0), (*size_m, 0.0)])], (0, 1))
     shares = scale * np.array(size_m) / np.abs(np.ptp([ax.get_xlim(), ax.get_ylim()], axis=1))
     assert shares.max() == pytest.approx(1.0 / 1.2)
 
@@ -263,7 +263,7 @@ def lab(colour: str, seen: Array) -> Array:
 
 @pytest.mark.parametrize("kind", BLIND)
 def test_the_colour_blind_can_distinguish_all_colours(kind: str) -> None:
-    for colours in (AXES_RGB, RUNS_RGB):
+    for colours in (AXES_RGB, DEMOS_RGB):
         for one, other in combinations(colours, 2):
             difference = lab(one, np.array(BLIND[kind])) - lab(other, np.array(BLIND[kind]))
             assert np.linalg.norm(difference) > AT_A_GLANCE, (one, other)

@@ -13,7 +13,7 @@ from pbd.data.covariance import PoseCovariance
 from pbd.pipeline import track
 from pbd.plots.demo_values import DemoValues, demo_values
 from pbd.plots.findings import (
-    DRIFT_ACC,
+    DRIFT_M_S2,
     FIRST_REST_S,
     SHORT_STOP_S,
     TREMBLE_S,
@@ -138,7 +138,7 @@ def test_residual_velocity(pouring: DemoValues) -> None:
     lasts = pouring.path.t[after.start] - pouring.path.t[before.stop - 1]
     for share, count in ((0.9, 0), (1.1, 1)):
         closure = pouring.path.closure.copy()
-        closure[2] = (0.0, share * DRIFT_ACC * lasts, 0.0)
+        closure[2] = (0.0, share * DRIFT_M_S2 * lasts, 0.0)
         findings = findings_of(pouring, replace(pouring.path, closure=closure))
         assert len(findings) == count
     assert f"at keyframe 3, after a move of {lasts:.1f} s, is more than drift" in findings[0].words

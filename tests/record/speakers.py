@@ -70,7 +70,7 @@ def _of(values: np.ndarray | None, row: int) -> np.ndarray:
 
 
 def _os5000(hand: Recording, row: int) -> bytes:
-    angles = os5000.compass_angles(quat_from_rpy(_of(hand.device_rpy, row)))
+    angles = os5000.compass_from_rpy(quat_from_rpy(_of(hand.device_rpy, row)))
     return os5000.tagged(angles, list(hand.acc[row] / GRAVITY), list(10.0 * _of(hand.mag, row)), "T28.4")
 
 

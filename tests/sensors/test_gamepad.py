@@ -172,7 +172,7 @@ def test_a_joy_con_has_its_own_scale_axes_and_stamps(tmp_path: Path, monkeypatch
     assert samples[0].acc == pytest.approx(np.array((0.5, 0.25, 1.0)) * GRAVITY)
     assert samples[0].gyr == pytest.approx(np.radians((2.0, 1.0, 3.0)))
     assert samples[0].t_device is None
-    assert decoder.tally.presses == 1
+    assert decoder.tally.grip_presses == 1
 
 
 def test_a_stick_does_not_move_the_sensor(tmp_path: Path) -> None:

@@ -29,7 +29,7 @@ def one(stream: bytes) -> Sample:
 
 
 def heading_pitch_roll(sample: Sample) -> tuple[float, float, float]:
-    return encode.compass_angles(quat_from_rpy(known(sample.rpy)))
+    return encode.compass_from_rpy(quat_from_rpy(known(sample.rpy)))
 
 
 def test_published_sentences() -> None:

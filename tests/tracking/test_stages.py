@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from scipy.interpolate import CubicHermiteSpline
 
 from pbd.data import GRAVITY, Recording
-from pbd.data.recording import step_of
+from pbd.data.recording import resolution_of
 from pbd.errors import TrackingError
 from pbd.pipeline import track
 from pbd.pose import (
@@ -301,7 +301,7 @@ def test_each_row_of_a_span_lasts_until_the_next() -> None:
 def test_an_axis_that_always_reads_the_same_says_nothing_of_the_step() -> None:
     """Nor does an axis with a coarser step. Rounding adds step / sqrt(12), which is constant at rest."""
     values = 0.01 * np.random.default_rng(0).integers(-3, 4, (200, 3)) * np.array((1.0, 5.0, 0.0))
-    assert _rounding(step_of(values), 0.0) == pytest.approx((0.01 / np.sqrt(12.0), 0.01 / np.sqrt(12.0)))
+    assert _rounding(resolution_of(values), 0.0) == pytest.approx((0.01 / np.sqrt(12.0), 0.01 / np.sqrt(12.0)))
 
 
 def test_a_hand_at_the_limit_of_either_sensor_is_as_restless() -> None:

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from pbd.io.meshes import mesh_file
 from pbd.pose import Pose
 from pbd.view import visuals
-from pbd.view.meshcat_encoding import LEAST_SIGMA_M, ScenePath, Visualizer, two_sigma
+from pbd.view.meshcat_encoding import LEAST_SIGMA_M, ScenePath, Visualizer, two_sigma_transform
 from pbd.view.replay_scene import ReplayScene, Rod, TouchingPair
 from pbd.view.robot_motion import FRAME_RATE_HZ
 from pbd.view.scene import build, carried_object
@@ -121,10 +121,10 @@ def test_an_ellipsoid_is_two_sigma_and_the_page_can_decompose_it(sigma: list[flo
     rng = np.random.default_rng(seed)
     axes = np.linalg.qr(rng.normal(size=(3, 3)))[0]
     cov = axes @ np.diag(np.square(np.maximum(sigma, 2.0 * LEAST_SIGMA_M))) @ axes.T
-    T = two_sigma(np.ones(3), cov)
+    T = two_sigma_transform(np.ones(3), cov)
     np.testing.assert_allclose(T[:3, :3] @ T[:3, :3].T, 4.0 * cov, atol=1e-9)
     np.testing.assert_array_equal(T[:3, 3], np.ones(3))
-    flat = two_sigma(np.ones(3), axes @ np.diag(np.square(sigma)) @ axes.T)[:3, :3]
+    flat = two_sigma_transform(np.ones(3), axes @ np.diag(np.square(sigma)) @ axes.T)[:3, :3]
     turn = flat / np.linalg.norm(flat, axis=0)  # as three.js does it
     np.testing.assert_allclose(turn.T @ turn, np.eye(3), atol=1e-9)
     assert np.linalg.det(turn) > 0.0

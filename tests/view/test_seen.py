@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from pbd.pose import Array
 from pbd.view import shapes
-from pbd.view.meshcat_encoding import two_sigma
+from pbd.view.meshcat_encoding import two_sigma_transform
 from pbd.view.page import write_page
 from pbd.view.replay_scene import ReplayScene
 from pbd.view.visuals import read_visuals
@@ -38,10 +38,10 @@ def marks(scene: ReplayScene) -> list[tuple[str, Array]]:
     ball = shapes.sphere(0.9, BLACK).vertices
     for T_base_tool, cov in zip(scene.T_base_tool, scene.cov, strict=True):
         found.append(("keyframes", T_base_tool.act(axes.reshape(-1, 3))))
-        T = two_sigma(T_base_tool.p, cov[:3, :3])
+        T = two_sigma_transform(T_base_tool.p, cov[:3, :3])
         found.append(("keyframes", ball @ T[:3, :3].T + T[:3, 3]))
     for each in scene.calibration.obstacles:
-        corners = shapes.solid_of(each.shape, each.size, BLACK).vertices
+        corners = shapes.primitive(each.shape, each.size, BLACK).vertices
         weights = np.random.default_rng(0).dirichlet(np.full(len(corners), 0.3), 200)  # points inside it
         found.append(("obstacles", each.T_base_obstacle.act(weights @ corners)))
     return found

@@ -25,7 +25,7 @@ def volume(mesh: Mesh) -> float:
 def test_a_solid_is_closed_and_has_its_size(
     shape: str, size: tuple[float, ...], reach: tuple[float, ...], wanted: float
 ) -> None:
-    mesh = shapes.solid_of(shape, size, GREY)
+    mesh = shapes.primitive(shape, size, GREY)
     assert mesh.closed
     assert volume(mesh) == pytest.approx(wanted, rel=0.02)
     np.testing.assert_allclose(mesh.box_corners().mean(axis=0), 0.0, atol=1e-9)

@@ -18,7 +18,7 @@ from pbd.view.visuals import read_visuals
 ROBOTS = ("panda", "so101")
 """They contain each way in which a bundled URDF places a mesh; tests/test_bundled_meshes.py reads all meshes."""
 
-LARGEST = 1_000_000
+LARGEST_COORDINATE = 1_000_000
 """Bytes of a mesh file. Larger ones are placed like these, and take most of the time to read."""
 
 
@@ -34,7 +34,7 @@ def without_large_meshes(robot: Robot, folder: Path) -> Robot:
     for link in urdf.iter("link"):
         for visual in link.findall("visual"):
             name = visual.find(".//mesh").attrib["filename"]  # type: ignore[union-attr]  # each has one
-            if mesh_file(name, robot.urdf, robot.package_dirs).stat().st_size > LARGEST:
+            if mesh_file(name, robot.urdf, robot.package_dirs).stat().st_size > LARGEST_COORDINATE:
                 link.remove(visual)
     urdf.write(folder / robot.urdf.name)
     return replace(robot, urdf=folder / robot.urdf.name)

@@ -13,7 +13,7 @@ from pbd.data import Calibration, Robot
 from pbd.data.world import IN_METRES, REACH_M, beyond_reach
 from pbd.errors import CalibrationError, PlanError, UsageError, amount, in_degrees, warn
 from pbd.files.calibration import load_calibration
-from pbd.files.calibration_edit import existing_calibration, pose_values, update_calibration
+from pbd.files.calibration_edit import calibration_to_update, pose_values, update_calibration
 from pbd.files.demo import load_demo
 from pbd.files.robot import load_robot
 from pbd.pose import Array, Pose, quat_to_rpy
@@ -22,16 +22,16 @@ from pbd.tracking.keyframes import keyframes_of
 LIMIT_TOLERANCE = 1e-6
 """Largest excess of a given joint over its limit, rad or m. Limits are printed in rounded degrees."""
 
-MAYBE_RAD = 2.0 * np.pi
+MAYBE_RAD_BELOW = 2.0 * np.pi
 """Angles up to this may be rad, not degrees, if one has a second decimal, as a quarter turn in rad (1.57) has."""
 
-ABOUT_BASE = "base is "
+BASE_NOTE_START = "base is "
 """How a robot's note begins that says in which direction its base points."""
 
 
 def run(args: argparse.Namespace) -> None:
     """Find the dock's pose, check that the robot reaches it, and write it."""
-    path, calibration = existing_calibration(args.name)
+    path, calibration = calibration_to_update(args.name)
     if not args.force:
         keep_other_start(path, calibration, "dock")
     robot = load_robot(args.robot) if args.robot else None
@@ -52,7 +52,7 @@ def run(args: argparse.Namespace) -> None:
     )
     if robot is not None and args.position is not None:
         for note in robot.notes:
-            if note.startswith(ABOUT_BASE):
+            if note.startswith(BASE_NOTE_START):
                 say(note)
     if robot is not None and robot.dock is not None and robot.dock.scale != calibration.scale:
         both = f"{path} has scale = {calibration.scale:g}, {robot.name}'s own dock {robot.dock.scale:g}"
@@ -121,7 +121,7 @@ def _tool_at_joints(joints: list[float], robot: Robot | None) -> Pose:
 def _doubt_degrees(what: str, option: str, angles: Array) -> None:
     """Warn if angles (n,), degrees, may be rad."""
     largest = np.abs(angles).max()
-    if largest <= MAYBE_RAD and (np.round(angles, 1) != angles).any():
+    if largest <= MAYBE_RAD_BELOW and (np.round(angles, 1) != angles).any():
         beyond = amount(largest, "degree", ".3g")
         warn(f"no {what} is beyond {beyond}; {option} takes degrees, so if they are rad, convert them")
 

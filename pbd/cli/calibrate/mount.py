@@ -13,7 +13,7 @@ from pbd.data import Calibration
 from pbd.data.calibration import DOCK_SIGMA_M, DOCK_SIGMA_RAD
 from pbd.data.covariance import one_sigma
 from pbd.errors import UsageError, warn
-from pbd.files.calibration_edit import earlier_fit, existing_calibration, pose_values, update_calibration
+from pbd.files.calibration_edit import calibration_to_update, earlier_fit, pose_values, update_calibration
 from pbd.files.demo import load_demo
 from pbd.pose import Array, Pose, quat_rotate
 from pbd.tracking.keyframes import find_keyframes
@@ -24,7 +24,7 @@ def run(args: argparse.Namespace) -> None:
     """Track the recording, fit the mount, write it, and report its uncertainty."""
     if not (args.pivot or args.turns):
         raise UsageError("say what the recording shows: --pivot, --turns x,-x,z, or both")
-    path, calibration = existing_calibration(args.name)
+    path, calibration = calibration_to_update(args.name)
     hand = track_with(args, load_demo(args.demo).recorded, calibration)
     keyframes = find_keyframes(hand)
     pivot = fit_pivot(keyframes, hand.covariance, calibration.scale) if args.pivot else None

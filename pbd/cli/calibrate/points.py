@@ -20,7 +20,7 @@ from pbd.data import Calibration, HandPath, Keyframe, Recording
 from pbd.data.covariance import one_sigma
 from pbd.data.one_line_repr import counted
 from pbd.errors import CalibrationError, amount, warn
-from pbd.files.calibration_edit import existing_calibration, pose_values, update_calibration
+from pbd.files.calibration_edit import calibration_to_update, pose_values, update_calibration
 from pbd.files.demo import load_demo
 from pbd.files.points import Points, read_points
 from pbd.pipeline import track
@@ -36,7 +36,7 @@ REPORTED_DEG = 0.5
 def run(args: argparse.Namespace) -> None:
     """Track, match stops with points, fit nav in base, write it, and report its uncertainty."""
     points = read_points(args.points, args.unit)
-    path, calibration = existing_calibration(args.name)
+    path, calibration = calibration_to_update(args.name)
     warn_of_doubts(calibration, "mount")
     hand = track_with(args, load_demo(args.demo).recorded, calibration)
     assert hand.tracking is not None

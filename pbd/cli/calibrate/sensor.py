@@ -13,7 +13,7 @@ from pbd.data import GRAVITY
 from pbd.data.one_line_repr import counted
 from pbd.data.units import MG
 from pbd.errors import CalibrationError, warn
-from pbd.files.calibration_edit import earlier_fit, existing_calibration, sensor_parts, update_calibration
+from pbd.files.calibration_edit import calibration_to_update, earlier_fit, sensor_parts, update_calibration
 from pbd.files.demo import load_demo
 from pbd.tracking.repair.repair_recording import repair_recording
 from pbd.view.terminal_tables import print_table, words_table
@@ -22,7 +22,7 @@ from pbd.view.terminal_tables import print_table, words_table
 def run(args: argparse.Namespace) -> None:
     """Fit the sensor's errors, write them, and print them."""
     gravity = args.gravity or (GRAVITY if args.latitude is None else gravity_at(args.latitude))
-    path, calibration = existing_calibration(args.name)
+    path, calibration = calibration_to_update(args.name)
     with working(f"reading {args.demo}"):
         demo = load_demo(args.demo)
         if demo.takes:

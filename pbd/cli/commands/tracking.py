@@ -13,9 +13,9 @@ from pbd.cli.options import (
     add_tracking,
     finite,
     flag,
-    frame,
     integer,
     option,
+    thing_keyframes,
 )
 
 FIGURE_FORMATS = ("png", "svg", "pdf")
@@ -52,7 +52,7 @@ def keyframes(parser: ArgumentParser) -> None:
     things = (
         "keyframes that belong to a thing, which `pbd replay --at` moves: cup=3..5; lid=6..7@cup if the cup carries it"
     )
-    option(parser, "--frame", "THING=I..J", things, type=frame, action="append", default=[])
+    option(parser, "--frame", "THING=I..J", things, type=thing_keyframes, action="append", default=[])
     within = "print how likely the tool is within this distance and angle of its pose (the keyframes' own tolerances)"
     option(parser, "--tolerance", ("METRES", "DEGREES"), within, type=finite, nargs="+")
     add_tracking(parser, calibration="with --robot: its own dock, else 'default'; without: none")

@@ -12,12 +12,12 @@ from pbd.sensors.decoding import Decoder
 from pbd.sensors.port import open_port
 from pbd.sensors.probe import BOOT_S, FIRST_BAUD, LISTEN_S, LONGEST_PROBE_S, ProbeResult, find_baud, probe, quote_line
 from pbd.sensors.protocols import COMMAND_PAUSE_S, PROTOCOLS, protocol
-from pbd.sensors.reader import Source
+from pbd.sensors.reader import ByteSource
 
 PHONE, GAMEPAD = "phyphox", "gamepad"
 
 
-def find_sensor(args: argparse.Namespace) -> tuple[str, Callable[[], Source], Decoder]:
+def find_sensor(args: argparse.Namespace) -> tuple[str, Callable[[], ByteSource], Decoder]:
     """Return the sensor's name, a function that opens its port, and its decoder.
 
     Raises:
@@ -51,7 +51,7 @@ def find_sensor(args: argparse.Namespace) -> tuple[str, Callable[[], Source], De
     return wanted, lambda: open_port(device, baud), make()
 
 
-def _phone(args: argparse.Namespace) -> tuple[str, Callable[[], Source], Decoder]:
+def _phone(args: argparse.Namespace) -> tuple[str, Callable[[], ByteSource], Decoder]:
     """Find a phone, as `find_sensor` does. Its model is in the name, by which a calibration knows it."""
     refuse_columns(args, PHONE)
     if args.sensor not in (PHONE, None):

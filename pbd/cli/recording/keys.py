@@ -85,7 +85,7 @@ class Keys:
         self.signal = number
 
 
-class Person:
+class KeyboardCommands:
     """Turns keys into commands, and asks before it discards. `ask` shows a question; "" clears it."""
 
     def __init__(self, keys: Keys, ask: Callable[[str], None]) -> None:

@@ -16,8 +16,8 @@ if TYPE_CHECKING:
 LINES_KEPT, OTHER_LINES = 6, 11
 """Largest number of messages in the panel; number of its lines that are no messages."""
 
-KEYS = "Enter ends · space grips or lets go · q discards"
-TRACKED = "on disk; now the whole recording is tracked ..."
+KEYS_LINE = "Enter ends · space grips or lets go · q discards"
+TRACKING_LINE = "on disk; now the whole recording is tracked ..."
 PLAIN_EVERY_S = 2.0
 BAR_WIDTH, PANEL_WIDTH = 20, 78
 
@@ -58,12 +58,12 @@ class PanelScreen:
     def __init__(self, title: str, tolerance_m: float) -> None:
         from rich.live import Live
 
-        from pbd.view.safe_console import Screen
+        from pbd.view.safe_console import SafeConsole
 
         self._title, self._tolerance_m = title, tolerance_m
         self._lines: list[Message] = []
         self._question = ""
-        self._console: Console = Screen(sys.stderr)
+        self._console: Console = SafeConsole(sys.stderr)
         self._live = Live(console=self._console, auto_refresh=False, transient=False)
 
     def __enter__(self) -> Self:
@@ -112,8 +112,8 @@ class PanelScreen:
         table.add_row("grip", "closed" if status.closed else "open")
         kept = self._lines[-max(1, min(LINES_KEPT, self._console.height - OTHER_LINES)) :]
         lines = [Text(f"{say.t:6.1f} s  {say.text}", style="bold" if say.bell else "") for say in kept]
-        question = TRACKED if status.ended else self._question
-        keys = Text(question or KEYS, style="bold" if question else "dim")
+        question = TRACKING_LINE if status.ended else self._question
+        keys = Text(question or KEYS_LINE, style="bold" if question else "dim")
         return Panel(
             Group(table, Text(), *lines, Text(), keys),
             title=Text(self._title),

@@ -13,7 +13,7 @@ from pbd.cli.console import print_json, say
 from pbd.cli.options import DRIVEN
 from pbd.cli.recording.device import only_port
 from pbd.cli.recording.keys import POLL_S, Keys
-from pbd.cli.run.drive import UNCHANGED, drive_arm
+from pbd.cli.run.drive import UNCHANGED_NOTE, drive_arm
 from pbd.data import Robot
 from pbd.driving.bus import Bus
 from pbd.driving.calibrating import FULL_TURN_JOINT, Calibrating, calibrating
@@ -32,7 +32,7 @@ EXPORTS_FOR_OTHER_ARMS = {
 }
 """Export format and program for arms that pbd does not drive. For arms not listed it is ROS 2's controller."""
 
-SINKS = "Hold the arm: its servos will let go, and it sinks. Enter lets go; any other key cancels."
+SINKS_QUESTION = "Hold the arm: its servos will let go, and it sinks. Enter lets go; any other key cancels."
 
 
 def run(args: argparse.Namespace) -> int:
@@ -68,8 +68,8 @@ def _calibrate_servos(args: argparse.Namespace, robot: Robot) -> None:
     device, ids = args.port or only_port("arm", ""), _ids(robot)
     with Keys() as keys, Bus.open(device) as bus:
         identify(bus, ids)
-        with noting(UNCHANGED):
-            keys.ask(SINKS)
+        with noting(UNCHANGED_NOTE):
+            keys.ask(SINKS_QUESTION)
         with calibrating(bus, ids) as session:
             keys.ask("Move every joint to the middle of its range, the gripper half open. Enter when it stands there.")
             session.set_middles()
@@ -99,8 +99,8 @@ def _release_servos(args: argparse.Namespace, robot: Robot) -> None:
             silent, ids = error, {name: id_ for name, id_ in ids.items() if id_ not in dumb}
             identify(bus, ids)
         if not args.yes:
-            with noting(UNCHANGED):
-                keys.ask(SINKS)
+            with noting(UNCHANGED_NOTE):
+                keys.ask(SINKS_QUESTION)
         release(bus, tuple(ids.values()))
     if silent:
         raise SensorError(f"{silent.message}; {listed(ids)} have let go")
@@ -116,13 +116,13 @@ def _ids(robot: Robot) -> dict[str, int]:
 
 def _show_ranges(keys: Keys, session: Calibrating, ids: dict[str, int]) -> None:
     """Show the ranges while the person moves the joints, until Enter; any other key cancels (PbdError)."""
-    from pbd.view.safe_console import Screen
+    from pbd.view.safe_console import SafeConsole
 
     live: AbstractContextManager[Any] = nullcontext()
     if sys.stderr.isatty():
         from rich.live import Live
 
-        live = Live(console=Screen(sys.stderr), transient=True, auto_refresh=False)
+        live = Live(console=SafeConsole(sys.stderr), transient=True, auto_refresh=False)
     with live as shown:
         while not (key := keys.next()):
             lowest, highest = session.follow()

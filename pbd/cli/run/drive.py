@@ -12,7 +12,7 @@ from rich.table import Table
 
 from pbd.cli.common import plan_demonstration
 from pbd.cli.console import print_json, say
-from pbd.cli.plan_report import plan_json, remarks_of_whole
+from pbd.cli.plan_report import plan_json, whole_motion_remarks
 from pbd.cli.recording.device import only_port
 from pbd.cli.recording.keys import Keys
 from pbd.data import JointTrajectory, Robot
@@ -33,9 +33,9 @@ MOVED_DEG = 2.0
 TIMED_ROUND_TRIPS = 10
 """Number of answers that are timed before the arm moves."""
 
-START = "Clear the arm's way; keep a hand at its power switch. Enter starts it; any other key cancels."
+START_QUESTION = "Clear the arm's way; keep a hand at its power switch. Enter starts it; any other key cancels."
 
-UNCHANGED = "the servos are as they were: stiff ones still hold"
+UNCHANGED_NOTE = "the servos are as they were: stiff ones still hold"
 """What is said of the servos if the person cancels before they get a goal."""
 
 EXIT_STOPPED = 130
@@ -59,15 +59,15 @@ def drive_arm(args: argparse.Namespace, robot: Robot) -> int:
         say(f"'{plan.name}' on {robot.name} at {device}, its servos calibrated in {file}")
         print_table(_preview_table(encoders, before, goals, t, plan.trajectory), sys.stderr)
         say(timetable(plan.trajectory, t, plan.retreat is not None))
-        for remark in remarks_of_whole(plan, args.calibration):
+        for remark in whole_motion_remarks(plan, args.calibration):
             say(remark)
         with Keys() as keys:
             if args.dry_run:
                 say("dry run: the servos are read, and given no goals")
             else:
                 if not args.yes:
-                    with noting(UNCHANGED):
-                        keys.ask(START)
+                    with noting(UNCHANGED_NOTE):
+                        keys.ask(START_QUESTION)
                 now = arm.state()
                 by = np.degrees(np.abs(encoders.to_joints(now.counts) - encoders.to_joints(before.counts)).max())
                 if by > MOVED_DEG:

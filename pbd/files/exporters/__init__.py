@@ -23,40 +23,40 @@ class Format(NamedTuple):
     """An export format.
 
     Attributes:
-        file: its module here. `write(request, samples, path)` writes it. `samples(request)`, if defined, chooses the
+        module: its module here. `write(request, samples, path)` writes it. `samples(request)`, if defined, chooses the
             instants. `read(path)`, if defined, reads back a file that moves an arm.
-        counted: what messages call its samples.
+        samples_are: what messages call its samples ("points", "frames").
         rules: how receivers interpolate between its points; empty if it does not move an arm.
         suffix: the suffix of a file name that selects it; "": it must be named.
-        also: further suffixes that its files may have.
-        usual_hz: the default rate; 0: at its own instants unless a rate is given; None: always at its own instants.
+        other_suffixes: further suffixes that its files may have.
+        default_hz: the default rate; 0: at its own instants unless a rate is given; None: always at its own instants.
         checks_robot: its module's `check(robot)` refuses unsuitable robots, and a missing package.
     """
 
-    file: str
-    counted: str
+    module: str
+    samples_are: str
     rules: tuple[Rule, ...] = ()
     suffix: str = ""
-    also: tuple[str, ...] = ()
-    usual_hz: float | None = None
+    other_suffixes: tuple[str, ...] = ()
+    default_hz: float | None = None
     checks_robot: bool = False
 
 
 FORMATS = {
-    "csv": Format("csv", "samples", ("hold",), ".csv", usual_hz=1000.0),
-    "npz": Format("npz", "samples", ("hold",), ".npz", usual_hz=1000.0),
-    "ros2-json": Format("ros2_json", "points", ("quintic", "cubic"), ".json", usual_hz=0.0),
-    "keyframes": Format("keyframes", "keyframes", also=(".json", ".csv")),
-    "tum": Format("tum", "poses", suffix=".tum", usual_hz=100.0),
-    "tum-hand": Format("tum", "poses", also=(".tum",)),
+    "csv": Format("csv", "samples", ("hold",), ".csv", default_hz=1000.0),
+    "npz": Format("npz", "samples", ("hold",), ".npz", default_hz=1000.0),
+    "ros2-json": Format("ros2_json", "points", ("quintic", "cubic"), ".json", default_hz=0.0),
+    "keyframes": Format("keyframes", "keyframes", other_suffixes=(".json", ".csv")),
+    "tum": Format("tum", "poses", suffix=".tum", default_hz=100.0),
+    "tum-hand": Format("tum", "poses", other_suffixes=(".tum",)),
     "urscript": Format("urscript", "points", ("trapezoid",), ".script", checks_robot=True),
-    "mcap": Format("mcap", "points", ("quintic", "cubic"), ".mcap", usual_hz=0.0, checks_robot=True),
+    "mcap": Format("mcap", "points", ("quintic", "cubic"), ".mcap", default_hz=0.0, checks_robot=True),
     "lerobot": Format("lerobot", "frames", ("hold",), checks_robot=True),
-    "glb": Format("glb", "frames", suffix=".glb", usual_hz=50.0),
+    "glb": Format("glb", "frames", suffix=".glb", default_hz=50.0),
 }
 SUFFIXES = {each.suffix: name for name, each in FORMATS.items() if each.suffix}
 
-FOLDERS = ("lerobot",)
+DATASETS = ("lerobot",)
 """Formats that are a folder of several motions."""
 
 LOWEST_HZ, HIGHEST_HZ = 10.0, 1e5
@@ -104,18 +104,18 @@ def check_format(
         raise UsageError(f"--rate must be {LOWEST_HZ:g} to {HIGHEST_HZ:g} Hz, got {rate_hz:g}", value=rate_hz)
     if dense and format_name != "urscript":
         raise UsageError(f"--dense is for urscript alone; leave it out for {format_name}", value=format_name)
-    if rate_hz is not None and FORMATS[format_name].usual_hz is None and not dense:
+    if rate_hz is not None and FORMATS[format_name].default_hz is None and not dense:
         raise UsageError(f"{format_name} is not sampled at a rate: leave --rate out", value=rate_hz)
     if dense and rate_hz is not None and rate_hz not in SERVOJ_HZ:
         raise UsageError(f"--rate must be 125 (CB3) or 500 (e-Series) for servoj, got {rate_hz:g}", value=rate_hz)
     if robot is not None and FORMATS[format_name].checks_robot:
-        import_module(f"{__name__}.{FORMATS[format_name].file}").check(robot)
+        import_module(f"{__name__}.{FORMATS[format_name].module}").check(robot)
 
 
 def check_suffix(format_name: str, path: Path) -> None:
     """Refuse (UsageError) a file whose name ends as another format's does."""
-    suffix = path.suffix.lower()
-    if (by_ending := SUFFIXES.get(suffix)) not in (format_name, None) and suffix not in FORMATS[format_name].also:
+    by_ending = SUFFIXES.get(suffix := path.suffix.lower())
+    if by_ending not in (format_name, None) and suffix not in FORMATS[format_name].other_suffixes:
         raise UsageError(
             f"{path} looks like {by_ending}, but the format is {format_name}; name another file, or another format"
         )
@@ -169,12 +169,12 @@ def export(
     if beyond.max() > EXACT_RAD:
         what = f"this motion takes {robot.joints[int(beyond.argmax())]} {beyond.max():.3g} beyond {robot.name}'s limit"
         raise PlanError(f"{what}; give the robot that it was planned for", value=robot.name)
-    if format_name in FOLDERS:
+    if format_name in DATASETS:
         return export_dataset([(trajectory, source)], robot, path)[0]
     refuse_output(path)
     from pbd.files.exporters.controller_interpolation import limit_shares
 
-    file = import_module(f"{__name__}.{FORMATS[format_name].file}")
+    file = import_module(f"{__name__}.{FORMATS[format_name].module}")
     request = ExportRequest(format_name, trajectory, robot, path.suffix.lower(), rate_hz, dense, source)
     points = getattr(file, "samples", ExportRequest.sampled)(request)
     rules: tuple[Rule, ...] = ("hold",) if dense else request.format.rules  # servoj holds each row
@@ -217,7 +217,7 @@ def export_dataset(
     ]
     points = [lerobot.samples(request) for request in requests]
     exports: list[Export] = []
-    with atomic_folder(folder, alone=True) as unfinished:
+    with atomic_folder(folder, locked=True) as unfinished:
         before = lerobot.read_episodes(folder, robot)
         lerobot.write(robot, [*before, *map(lerobot.episode, requests, points)], unfinished)
         written = lerobot.read_episodes(unfinished, robot)[len(before) :]

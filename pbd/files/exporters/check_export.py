@@ -21,7 +21,7 @@ from pbd.pose import Array
 Shares = Mapping[Rule, tuple[Share, Share, Share]]
 """Rule -> largest used fraction of the velocity, acceleration and jerk limits."""
 
-ROUNDED = 1e-3
+ROUNDING_EXCESS = 1e-3
 """Largest excess over a limit, as a fraction of it, that is attributed to rounding; --margin then helps. Rounding to
 whole nanoseconds causes less than 1e-5."""
 
@@ -53,7 +53,7 @@ def check_received(request: ExportRequest, points: Samples, rules: tuple[Rule, .
         worst = max(used, key=lambda share: share.value)
         if not worst.value <= 1.0:
             slower = np.floor(100.0 * worst.value ** (-1.0 / (1 + LIMITS.index(worst.limit)))) / 100.0
-            how = "--margin 1" if worst.value < 1.0 + ROUNDED else f"{slower:g} times the --speed"
+            how = "--margin 1" if worst.value < 1.0 + ROUNDING_EXCESS else f"{slower:g} times the --speed"
             what = f"{limit_use(request, points, rule, worst)}; give {how}"
             raise PlanError(what, joint=robot.joints[worst.joint], value=worst.value, bound=1.0)
         motion = None if request.made_from is None else _deviating_motion(request, points, rule)
@@ -69,7 +69,7 @@ def check_received(request: ExportRequest, points: Samples, rules: tuple[Rule, .
 def limit_use(request: ExportRequest, points: Samples, rule: Rule, worst: Share) -> str:
     """Return the part of a message that tells how much of a limit is used, and where."""
     joint, t = request.robot.joints[worst.joint], points.t[worst.point]
-    times = f"{worst.value:.{2 if worst.value > 1.0 + ROUNDED else 7}f}"
+    times = f"{worst.value:.{2 if worst.value > 1.0 + ROUNDING_EXCESS else 7}f}"
     if rule in ("cubic", "quintic"):
         who = f"a controller that fills the gaps between samples by {rule}s"
     else:

@@ -22,6 +22,6 @@ def read(path: Path) -> Samples:
     """Read what `write` wrote."""
     with path.open(encoding="utf-8", newline="") as file:
         header = tuple(next(csv.reader(file)))
-        values = Sheet(path, header, file.read(), ",", line=2).read().values
+        values = Sheet(path, header, file.read(), ",", first_line=2).read().values
     q, qd, qdd = np.split(values[:, 1:-1], 3, axis=1)
     return Samples(values[:, 0], q, qd, qdd, values[:, -1])

@@ -64,7 +64,7 @@ class ExportRequest:
 
     def sampled(self) -> Samples:
         """Sample the motion at the given rate, or the format's default."""
-        rate_hz = self.rate_hz or self.format.usual_hz
+        rate_hz = self.rate_hz or self.format.default_hz
         assert rate_hz
         return self.trajectory.sample(rate_hz)
 

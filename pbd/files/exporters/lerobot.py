@@ -66,7 +66,7 @@ def refuse_dataset(folder: Path, robot: Robot) -> None:
         refuse_folder(folder)
 
 
-def first_frame(robot: Robot, points: Samples) -> str:
+def first_frame_text(robot: Robot, points: Samples) -> str:
     """Return the joints of the first frame as text, in the dataset's unit."""
     first = values(robot, points.q[:1], points.gripper[:1])[0].tolist()
     unit, decimals = ("degrees", 1) if robot.servos is not None else ("rad", 3)

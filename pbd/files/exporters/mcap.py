@@ -30,7 +30,7 @@ LATCHED = (
 )
 """Topics with one message, which late subscribers get too."""
 
-GOAL = "trajectory_msgs/msg/JointTrajectory"
+TRAJECTORY_TYPE = "trajectory_msgs/msg/JointTrajectory"
 TOOL, NAV, SENSOR = "pbd_tool", "nav", "sensor"
 
 UNDATED_NS = 10**9
@@ -93,9 +93,9 @@ class _Bag:
         states = request.trajectory.sample(request.rate_hz or USUAL_HZ)
         self.put("/robot_description", 0.0, "std_msgs/msg/String", {"data": robot.urdf.read_text(encoding="utf-8")})
         goal = goal_message(robot.joints, points.t, (points.q, points.qd, points.qdd))
-        self.put("/joint_trajectory", 0.0, GOAL, goal)
+        self.put("/joint_trajectory", 0.0, TRAJECTORY_TYPE, goal)
         if robot.gripper is not None and robot.gripper.joints:
-            self.put("/gripper_trajectory", 0.0, GOAL, finger_message(request.trajectory, robot.gripper))
+            self.put("/gripper_trajectory", 0.0, TRAJECTORY_TYPE, finger_message(request.trajectory, robot.gripper))
         moving = self.put_links(states)
         keyframes = request.trajectory.keyframe_t, *self.source.tool(request.trajectory.keyframe_q)
         self.put_path("/keyframes/path", robot.base, *keyframes, each="/keyframes")

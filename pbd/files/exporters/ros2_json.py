@@ -20,7 +20,7 @@ LEAST_GAP_S = 2e-5
 jerk of 3 rad/s3, and rounding to whole nanoseconds changes the jerk by 0.05 %."""
 
 DERIVATIVES = ("positions", "velocities", "accelerations")
-_OFF_KNOTS = 0.25
+_LEAST_KNOT_DISTANCE = 0.25
 """Smallest distance of a sample to a knot, as a fraction of the samples' spacing; nearer samples are left out."""
 
 
@@ -32,7 +32,7 @@ def samples(request: ExportRequest) -> Samples:
         grid = np.arange(1, int(trajectory.duration * rate_hz) + 1) / rate_hz
         after = np.searchsorted(t, grid).clip(1, len(t) - 1)
         off = np.minimum(np.abs(grid - t[after - 1]), np.abs(t[after] - grid))
-        t = np.sort(np.append(t, grid[off >= max(_OFF_KNOTS / rate_hz, LEAST_GAP_S)]))
+        t = np.sort(np.append(t, grid[off >= max(_LEAST_KNOT_DISTANCE / rate_hz, LEAST_GAP_S)]))
     exact, rounded = trajectory.at(t), np.round(1e9 * t) / 1e9
     # Velocities at rest must be exactly zero: the controller refuses any other final one, and small ones would add up.
     rest = ~(exact.qd.any(axis=1) | exact.qdd.any(axis=1))

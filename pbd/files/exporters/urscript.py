@@ -27,10 +27,10 @@ OFF_LINE_RAD = 1e-6
 SETTLE_S = 0.2
 """After the last servoj of a move, its point is held so long, s: twice the lookahead time, by which the arm lags."""
 
-STOP = 4.0
+STOP_RAD_S2 = 4.0
 """Deceleration (rad/s2) of the stopj that ends servo mode; UR's own driver uses it (external_control.urscript)."""
 
-AT_REST = 1e-9
+AT_REST_RAD_S = 1e-9
 """Largest velocity at rest, rad/s."""
 
 HEAD = """\
@@ -124,7 +124,7 @@ def _phases(request: ExportRequest) -> list[_Phase]:
     """
     c, knots = request.trajectory.coefficients, request.trajectory.knots
     q = request.trajectory.at(knots).q
-    rests = np.append(np.abs(c[:, 1]).max(axis=1) <= AT_REST, True)
+    rests = np.append(np.abs(c[:, 1]).max(axis=1) <= AT_REST_RAD_S, True)
     phases: list[_Phase] = []
     for a, b in pairwise(np.flatnonzero(rests).tolist()):
         moves = bool(np.abs(q[a + 1 : b + 1] - q[a]).max() > OFF_LINE_RAD)
@@ -182,7 +182,7 @@ def _end_of_servo(request: ExportRequest, t: float) -> list[str]:
 
     Without a next servoj in time, the controller itself brakes an arm that still lags, maybe with a protective stop.
     """
-    return [_servoj(request.trajectory.at(np.array([t])).q[0], SETTLE_S), f"  stopj({STOP:g})\n"]
+    return [_servoj(request.trajectory.at(np.array([t])).q[0], SETTLE_S), f"  stopj({STOP_RAD_S2:g})\n"]
 
 
 def _sleep(seconds: float) -> list[str]:

@@ -12,7 +12,7 @@ from types import MappingProxyType
 
 from pbd.data import Recording
 from pbd.data.source_columns import CHANNEL_OF, CHANNELS, NO_UNIT, QUANTITIES, RPY, Column, SourceColumns
-from pbd.data.units import UNITS, spelled, unit_factor
+from pbd.data.units import UNITS, normalized_unit, unit_factor
 from pbd.errors import RecordingError, UsageError, listed, printable
 from pbd.files.importers.header_names import (
     in_counts,
@@ -162,7 +162,7 @@ def _unit(
         given, by = program.units[channel], program.title
     if not given:
         return 1.0, standard, NO_UNIT
-    unit = spelled(given)
+    unit = normalized_unit(given)
     sign = -1.0 if unit.startswith("-") else 1.0
     unit = unit.removeprefix("-")
     if unit_factor(channel, unit) is None:

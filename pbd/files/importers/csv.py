@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from pbd.data import Demonstration, Recording, RecordingInfo
-from pbd.data.imu_columns import ACC, device_rpy
+from pbd.data.imu_columns import ACC, rpy_from_compass
 from pbd.data.one_line_repr import counted
 from pbd.data.source_columns import CHANNELS, DATES, SourceColumns
 from pbd.data.streams import RATE_TOLERANCE, Stream, joined
@@ -101,7 +101,7 @@ def read_csv(request: Request) -> Demonstration | None:
             acc=channels["acc"],
             gyr=channels.get("gyr"),
             mag=magnetometer.at(t) if mag is None and magnetometer is not None else mag,
-            device_rpy=channels.get("rpy") if compass is None else device_rpy(compass),
+            device_rpy=channels.get("rpy") if compass is None else rpy_from_compass(compass),
             grip=grip,
             info=RecordingInfo(sensor=sensor, rate_hz=rate_hz, source=understood),
         )

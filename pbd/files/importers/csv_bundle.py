@@ -11,9 +11,9 @@ from pathlib import Path, PurePosixPath
 from pbd.errors import RecordingError, in_words
 from pbd.files.importers.header_names import looks_inertial
 from pbd.files.table import Sheet, foreign_text, open_sheet
-from pbd.io.read_file import LARGE, read_bytes
+from pbd.io.read_file import MOST_DATA_BYTES, read_bytes
 
-LARGEST_FILE = LARGE // 4
+LARGEST_FILE = MOST_DATA_BYTES // 4
 """Largest file in a zip, bytes, so that a small zip can't fill the memory. An hour at 400 Hz has 120 MB."""
 
 PHYPHOX_CLOCK = "meta/time"

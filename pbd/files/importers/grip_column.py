@@ -56,7 +56,7 @@ def read_grip(sheet: Sheet, columns: Mapping[str, str], t: Array) -> tuple[str, 
                 warn(f"{what}: import it with {option} if {high} is closed, or with grip=- and its name if open")
     if not name:
         return "", ()
-    sheet.refuse_twice((name,))
+    sheet.refuse_duplicates((name,))
     events, closed = [], False
     levels: set[float] = set()
     for row, word in enumerate(map(str.lower, sheet.words(name))):

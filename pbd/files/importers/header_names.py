@@ -9,7 +9,7 @@ published readers, examples and files that were used. German names are plain tra
 import re
 
 from pbd.data.imu_columns import ATTITUDE
-from pbd.data.units import spelled, unit_factor
+from pbd.data.units import normalized_unit, unit_factor
 
 _WORDS = {
     "g": r"(?P<before>.*_)?(?:gyr|gyro|gyroscope|gyro_?rotation|rotation_?rate|ang(?:ular)?_?(?:vel(?:ocity)?|rate))|"
@@ -204,7 +204,7 @@ def looks_inertial(name: str) -> str:
     for letter, (alone, with_axis) in _INERTIAL.items():
         if re.search(rf"(?:^|_|(?<=imu))(?:{alone}{'|' + with_axis if has_axis else ''})", word):
             return letter
-    return "g" if has_axis and re.search("(?:deg|rad)/s$|dps$", spelled(split_unit(name)[1])) else ""
+    return "g" if has_axis and re.search("(?:deg|rad)/s$|dps$", normalized_unit(split_unit(name)[1])) else ""
 
 
 def why_never_read(name: str) -> str:

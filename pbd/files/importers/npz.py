@@ -13,7 +13,7 @@ from pbd.errors import RecordingError, in_words, listed, no_library_warnings, pr
 from pbd.files.importers.columns import remapped, with_source
 from pbd.files.importers.header_names import looks_inertial
 from pbd.files.importers.request import Request, check_rate
-from pbd.io.read_file import LARGE, read_bytes
+from pbd.io.read_file import MOST_DATA_BYTES, read_bytes
 from pbd.pose import Array
 
 KEYS = ("rate_hz", "acc", "gyr", "mag", "true_position", "true_wxyz", "true_rate_hz")
@@ -77,8 +77,8 @@ def _arrays(path: Path) -> tuple[dict[str, NDArray[Any]], tuple[str, ...]]:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             sizes = {member.filename.removesuffix(".npy"): member.file_size for member in archive.infolist()}
         known = [name for name in KEYS if name in sizes]
-        if sum(sizes[name] for name in known) > LARGE:
-            raise ValueError(f"its arrays take more than the {LARGE / 1e6:.0f} MB that are read")
+        if sum(sizes[name] for name in known) > MOST_DATA_BYTES:
+            raise ValueError(f"its arrays take more than the {MOST_DATA_BYTES / 1e6:.0f} MB that are read")
         # numpy warns of files written by Python 2
         with no_library_warnings(), np.load(io.BytesIO(data), allow_pickle=False) as arrays:
             read = {name: arrays[name] for name in known}

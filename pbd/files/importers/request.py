@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from pbd.errors import RecordingError
-from pbd.files.demo import RATES_HZ
+from pbd.files.demo import RATE_BOUNDS_HZ
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class Request:
 
 def check_rate(path: Path, rate_hz: float, what: str) -> None:
     """Refuse (RecordingError) a rate that no sensor has; `what` is the beginning of the message."""
-    slowest, fastest = RATES_HZ
+    slowest, fastest = RATE_BOUNDS_HZ
     if not slowest <= rate_hz <= fastest:
         bound = "above zero" if not rate_hz > 0.0 else f"{slowest:g} to {fastest:g} Hz"
         raise RecordingError.at(path, f"{what} {rate_hz:g}; it must be {bound}", value=rate_hz)

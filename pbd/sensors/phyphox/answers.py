@@ -28,7 +28,7 @@ BUFFERS = {
 }
 """Names of the experiment's buffers: each sensor's time, then its three axes."""
 
-LARGEST = {"gyr": 200.0, "acc": 2000.0, "mag": 1e5}
+LARGEST_READING = {"gyr": 200.0, "acc": 2000.0, "mag": 1e5}
 """Largest plausible reading, rad/s, m/s2 and uT. No phone measures more."""
 
 MAX_RUN_S = 1e5
@@ -181,7 +181,7 @@ class PhyphoxDecoder:
             sensor = self._sensors[kind]
             plausible = np.isfinite(rows).all(axis=1) & (rows[:, 0] >= 0.0) & (rows[:, 0] < MAX_RUN_S)
             with np.errstate(invalid="ignore"):
-                plausible &= (np.abs(rows[:, 1:]) <= LARGEST[kind]).all(axis=1)
+                plausible &= (np.abs(rows[:, 1:]) <= LARGEST_READING[kind]).all(axis=1)
             new = rows[plausible]
             new = new[trusted_rows(new[:, 0], sensor.last)]
             self.tally.bad_packets += len(rows) - len(new)

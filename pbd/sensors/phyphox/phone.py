@@ -21,7 +21,7 @@ from pbd.sensors.phyphox.answers import (
     read_clock_events,
     trusted_rows,
 )
-from pbd.sensors.reader import Source
+from pbd.sensors.reader import ByteSource
 
 POLL_S = 0.1
 """Time between two requests, s: as often as the recording's screen is drawn."""
@@ -41,7 +41,7 @@ READ_BYTES = 65536
 SCAN_HINT = "scan the code of `pbd sensors phyphox` with the app, open it, and allow remote access in its menu"
 
 
-class PhonePort(Source):
+class PhonePort(ByteSource):
     """phyphox on a phone, as a port whose bytes are the phone's answers.
 
     Attributes:

@@ -132,7 +132,7 @@ def find_axis_error(
         return found
     found = search.find_unit(found.fit_deg if found else np.inf) or found or search.find_dead_gyro()
     # A rate that a person gave is as likely wrong as axes or units are. Name what fits best, or both if they fit alike.
-    if 0 in search.counted and (source.at_a_rate or (found is None and search.off[0] > SEARCH_SCALE_DEG)):
+    if 0 in search.counted and (source.has_no_times or (found is None and search.off[0] > SEARCH_SCALE_DEG)):
         likely = sorted(filter(None, (search.find_scale(), found)), key=lambda each: each.fit_deg)
         message = "; or ".join(each.message for each in likely if each.fit_deg <= likely[0].fit_deg + AS_GOOD_DEG)
         return likely[0]._replace(message=message) if likely else None
@@ -217,8 +217,8 @@ class _Search:
         far = f"about {1.0 / FACTORS[best]:.2g} times"
         why = "its unit or its full scale is wrong (--unit gyr=...)"
         what = f"it turns {far} as far: {why}, or the times are, and with them every distance (--unit t=..., --rate)"
-        if self._source.at_a_rate:
-            rate = f"the rate is likely wrong, and the true one {far} as high: {self._source.must_be_seconds()}"
+        if self._source.has_no_times:
+            rate = f"the rate is likely wrong, and the true one {far} as high: {self._source.time_advice()}"
             what = f"it turns {far} as far: {rate}; else {why}"
         return self._of_gravity(fits[best], what)
 

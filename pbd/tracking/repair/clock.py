@@ -48,7 +48,7 @@ def with_checked_times(recording: Recording) -> Recording:
     recording = _without_rereads(recording if t is recording.t else replace(recording, t=t))
     step = float(np.median(np.diff(t)))
     if step <= 0.0:
-        what = f"most rows carry the same time; {source.must_be_seconds()} that increase, or import it with --rate HZ"
+        what = f"most rows carry the same time; {source.time_advice()} that increase, or import it with --rate HZ"
         if (times := len(np.unique(t))) > 1:
             what = f"its {len(t)} rows have only {times} different times, too coarse to tell the rate; import it with "
             what += "--rate HZ, or with finer times"
@@ -78,7 +78,7 @@ def _longer_unit(step: float, source: SourceColumns) -> str:
     rates = {unit: source.time_factor / (UNITS["t"][unit] * step) for unit in ("0.1ms", "ms", "s", "day")}
     likely = [unit for unit, rate in rates.items() if SLOWEST_HZ < rate <= FASTEST_HZ]
     if not likely or source.at_a_rate or source.time_unit_by == DATES:
-        return source.must_be_seconds()
+        return source.time_advice()
     options = " or ".join(f"--unit t={unit}" for unit in likely)
     return f"the time is likely in {' or '.join(likely).replace('day', 'days')}: import the file with {options}"
 
@@ -93,8 +93,8 @@ def _refuse_slow(interval: float, source: SourceColumns) -> None:
     advice = f"import the file with {' or '.join(f'--unit t={unit}' for unit in named)}"
     advice += ", or with its --rate HZ if it counts rows" if interval == 1.0 else ""
     faster = f"record faster, {SLOWEST_HZ:g} a second at least"
-    if source.at_a_rate:
-        advice = f"{source.must_be_seconds()}, or {faster}"
+    if source.has_no_times:
+        advice = f"{source.time_advice()}, or {faster}"
     elif source.time_unit_by == DATES or (source.time_unit_by != NO_UNIT and interval < 1.0):
         advice = faster
     elif interval < 1.0:  # times in whole ms or us would differ by 1 at least

@@ -129,7 +129,7 @@ def refuse_flipped_signs(recording: Recording) -> None:
     flipped = [axis for axis, sign in zip("xyz", found.signs, strict=True) if sign < 0]
     source = recording.info.source
     columns = (source.column_option(f"a{axis}", f"a{axis}", reverse=True) for axis in flipped)
-    how = source.reversed_force() if len(flipped) == 3 else " ".join(columns)
+    how = source.reverse_acc_option() if len(flipped) == 3 else " ".join(columns)
     wrong = "has the wrong sign: it contradicts" if len(flipped) == 1 else "have the wrong sign: they contradict"
     raise RecordingError(
         f"the accelerometer's {', '.join(flipped)} {wrong} the device's own attitude (the axis that points up must "
@@ -158,7 +158,7 @@ def warn_upside_down(recording: Recording, up_sensor: Array, start: int, stop: i
     as_a_drone = " ".join(source.column_option(each, each, reverse=True) for each in columns)
     warn(
         f"at the first rest the sensor lies upside down (z reads {GRAVITY * up_sensor[2]:.1f} m/s2), or the signs of "
-        f"its accelerometer are flipped{hint}; if z was up, import the file with {source.reversed_force()}, or "
+        f"its accelerometer are flipped{hint}; if z was up, import the file with {source.reverse_acc_option()}, or "
         f"{source.column_option('az', 'az', reverse=True)} for that axis alone; if its axes point forward, right and "
         f"down, as a drone's, with {as_a_drone}"
     )

@@ -15,7 +15,7 @@ def sentence(body: str) -> bytes:
     return f"${body}*{checksum:02X}\r\n".encode()
 
 
-def compass_angles(wxyz: Array) -> tuple[float, float, float]:
+def compass_from_rpy(wxyz: Array) -> tuple[float, float, float]:
     """Heading of the x axis, clockwise from north; how far it points up; how far y does: degrees."""
     x, y, z = quat_to_matrix(wxyz).T  # the sensor's axes; components east, north, up
     return (
