@@ -32,17 +32,7 @@ def run(args: argparse.Namespace) -> None:
         raise RecordingError(f"no file {args.file}; give the path of a recording", path=args.file)
     if folder.resolve() in (args.file.resolve(), *args.file.resolve().parents):
         raise RecordingError(f"{args.file} is in {folder}, which it would replace; give another name", path=args.file)
-    # Raw bytes, and lines without a header, are decoded as `pbd record` does.
-    if args.columns and not args.sensor:
-        raise UsageError("--columns names the numbers of --sensor lines: add --sensor lines")
-    if args.columns and args.column:
-        raise UsageError("--column is for a file with a header; turn or swap names in --columns itself, as ax,ay,-az")
-    if args.file.suffix.lower() == ".bin" or args.columns:
-        demo = _decode(args)
-    else:
-        refuse_columns(args, "a file with a header")
-        with working(f"reading {args.file}"):
-            demo = import_file(args.file, dict(args.column), dict(args.unit), args.rate, args.topic)
+    demo = _read(args)
     recording, source = demo.recording, demo.recording.info.source
     if recording.gyr is None:
         warn(NO_GYRO)
@@ -79,6 +69,23 @@ def run(args: argparse.Namespace) -> None:
         print(f"stops after the first rest: {stops - 1}\nnext: pbd keyframes {shell_word(folder)}")
 
 
+def _read(args: argparse.Namespace) -> Demonstration:
+    """Read the file. Raw bytes, and lines without a header, are decoded as `pbd record` does."""
+    if args.columns and not args.sensor:
+        raise UsageError("--columns names the numbers of --sensor lines: add --sensor lines")
+    if args.columns and args.column:
+        raise UsageError("--column is for a file with a header; turn or swap names in --columns itself, as ax,ay,-az")
+    if args.file.suffix.lower() != ".bin" and not args.columns:
+        refuse_columns(args, "a file with a header")
+        with working(f"reading {args.file}"):
+            return import_file(args.file, dict(args.column), dict(args.unit), args.rate, args.topic)
+    if not args.sensor:
+        raise SensorError(f"{args.file} holds a sensor's raw bytes; name the sensor with --sensor", path=args.file)
+    make = decoder_maker(args, args.sensor)
+    with working(f"decoding {args.file}"):
+        return decode_raw(args.file, make(), args.sensor, args.rate)
+
+
 def _checked(recording: Recording) -> Recording:
     """Refuse wrong units or a wrong clock before anything is stored. A TrackingError is left to the tracking command.
 
@@ -104,11 +111,3 @@ def _print_columns(args: argparse.Namespace, source: SourceColumns) -> None:
             unread = {name: why for name, why in unread.items() if why != WHY_UNUSED}
             unread[f"{len(files)} files"] = "not used; --json names them"
         print_table(columns_table([column.row() for column in source.columns], unread))
-
-
-def _decode(args: argparse.Namespace) -> Demonstration:
-    if not args.sensor:
-        raise SensorError(f"{args.file} holds a sensor's raw bytes; name the sensor with --sensor", path=args.file)
-    make = decoder_maker(args, args.sensor)
-    with working(f"decoding {args.file}"):
-        return decode_raw(args.file, make(), args.sensor, args.rate)

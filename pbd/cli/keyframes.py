@@ -59,7 +59,7 @@ def run(args: argparse.Namespace) -> None:
     if args.save or args.frame:
         keyframes = _assign_frames(args, demo, keyframes)
     sigmas = keyframe_sigmas([keyframe.cov for keyframe in keyframes])
-    rows = [_row(index, keyframe, sigma) for index, (keyframe, sigma) in enumerate(zip(keyframes, sigmas, strict=True))]
+    rows = list(map(_row, range(len(keyframes)), keyframes, sigmas))
     placed = None
     if calibration is not None and (calibration.knows_start or args.tolerance is not None):
         placed = place_in_base(keyframes, calibration, args.scale, path, args.orientation)
@@ -105,7 +105,7 @@ def _add_base(args: argparse.Namespace, rows: Rows, placed: KeyframesInBase) -> 
 def _add_joints(
     args: argparse.Namespace, rows: Rows, robot: Robot, poses: Sequence[Pose], q: Array, off: Array
 ) -> list[str | Table]:
-    """Add the tool's poses, the joints (n, k) and the rotations (n, 2) that are missed to the rows, as _add_base."""
+    """Add the tool's poses, the joints (n, k) and the missed rotations (n, 2), rad, to the rows, as `_add_base`."""
     for row, pose, joints, missed in zip(rows, poses, q, off, strict=True):
         row |= _pose(pose) | {"joints": joints}
         row["off_deg"] = [math.degrees(angle) for angle in missed]  # approach axis, then about it: arms of 5 joints

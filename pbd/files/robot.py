@@ -63,12 +63,12 @@ def read_robot(path: Path, *, draft: bool = False) -> Robot:
     top.require_format(FORMAT)
     name, description, notes = top.text("name"), top.text("description"), top.texts("notes", ())
 
-    model, share = top.section("model"), _example_robot_data()
-    urdf = read_urdf(_find(model, "urdf", share))
+    model, shares = top.section("model"), _example_robot_data()
+    urdf = read_urdf(_find(model, "urdf", shares))
     # A ROS package is a folder above the URDF (PACKAGE/urdf/arm.urdf), beside the TOML, or one of example-robot-data's.
-    package_dirs = tuple(dict.fromkeys([*urdf.path.parents[:3], path.resolve().parent, *([share] if share else [])]))
+    package_dirs = tuple(dict.fromkeys([*urdf.path.parents[:3], path.resolve().parent, *shares]))
     _check_meshes(urdf, package_dirs)
-    srdf = _find(model, "srdf", share) if "srdf" in model else None
+    srdf = _find(model, "srdf", shares) if "srdf" in model else None
     base, body = _link(model, "base", urdf), _link(model, "body", urdf)
     T_body_tool, license_ = read_pose(model.section("T_body_tool"), "xyz"), model.text("license", "")
     chain = _movable(urdf, base, body)
@@ -113,15 +113,16 @@ def read_robot(path: Path, *, draft: bool = False) -> Robot:
     return robot
 
 
-def _example_robot_data() -> Path | None:
-    """Find the share folder that contains example-robot-data, a package without a Python module."""
+def _example_robot_data() -> list[Path]:
+    """Find the share folder that contains example-robot-data, a package without a Python module; empty: none does."""
     shares = (Path(entry) / "cmeel.prefix" / "share" for entry in sys.path)
-    return next((share for share in shares if (share / "example-robot-data" / "robots").is_dir()), None)
+    return [share for share in shares if (share / "example-robot-data" / "robots").is_dir()][:1]
 
 
-def _find(model: Section, key: str, share: Path | None) -> Path:
+def _find(model: Section, key: str, shares: Sequence[Path]) -> Path:
+    """Return the path of a file that the TOML names; refuse it if it is neither beside the TOML nor in the shares."""
     wanted = os.path.expanduser(model.text(key))  # noqa: PTH111 (pathlib's raises where there is no such user)
-    folders = [model.path.parent] + ([share / "example-robot-data" / "robots"] if share else [])
+    folders = [model.path.parent, *(share / "example-robot-data" / "robots" for share in shares)]
     found = next((folder / wanted for folder in folders if is_file(folder / wanted)), None)
     if found is None:
         model.fail(key, f"names {wanted!r}, which is neither in {' nor in '.join(map(str, folders))}")
@@ -239,16 +240,14 @@ def _limits(section: Section, urdf: Urdf, joints: Sequence[UrdfJoint]) -> JointL
     values: dict[str, tuple[float, ...]] = {}
     sources = {"position": "the URDF"}
     general = section.text("source", "")
+    if "velocity" not in section:
+        if bad := [joint.name for joint in joints if not 0.0 < joint.velocity < np.inf]:
+            section.fail("velocity", f"is missing and the URDF sets no limit above zero for {listed(bad)}", "add it")
+        values["velocity"], sources["velocity"] = tuple(joint.velocity for joint in joints), "the URDF"
     for key in ("velocity", "acceleration", "jerk", "effort"):
-        if key == "effort" and key not in section:
-            continue  # the URDF's effort is often a placeholder
-        if key == "velocity" and key not in section:
-            if bad := [joint.name for joint in joints if not 0.0 < joint.velocity < np.inf]:
-                section.fail(key, f"is missing and the URDF sets no limit above zero for {listed(bad)}", "add it")
-            values[key], sources[key] = tuple(joint.velocity for joint in joints), "the URDF"
-            continue
-        values[key] = section.numbers(key, len(joints), positive=True)
-        sources[key] = section.text(f"{key}_source", general) or section.text("source")
+        if key in section or key in ("acceleration", "jerk"):  # the URDF's effort is often a placeholder
+            values[key] = section.numbers(key, len(joints), positive=True)
+            sources[key] = section.text(f"{key}_source", general) or section.text("source")
     for joint, velocity in zip(joints, values["velocity"], strict=True):
         if velocity > joint.velocity > 0.0:  # 0 in a URDF means unknown
             what = f"gives {joint.name} {velocity:g}, above the URDF's own {joint.velocity:g}"

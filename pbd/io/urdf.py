@@ -26,10 +26,10 @@ MOST_BYTES = 100_000_000
 """Largest XML file, bytes."""
 
 MOST_LINKS = 500
-"""Largest number of links, or joints, of a robot. The largest robot in example-robot-data has 130 links."""
+"""Largest number of links of a robot, and of its joints. The largest robot in example-robot-data has 130 links."""
 
 MOST_MOVING = 150
-"""Largest number of moving joints: the pairs of links grow with its square. example-robot-data has at most 101."""
+"""Largest number of moving joints. The pairs of links grow with its square. example-robot-data has at most 101."""
 
 MOST_SHAPES = 2000
 """Largest number of visual and collision shapes of a robot."""
@@ -144,16 +144,7 @@ def read_urdf_xml(path: Path) -> ET.Element:
     for link in root.iterfind("link"):
         for part in link:
             if part.tag in LINK_PARTS:
-                for inner in part.iter():
-                    _check_attributes(path, link, inner)
-            if part.tag in ("visual", "collision"):
-                solids = [solid.tag for solid in part.findall("geometry/*")]
-                if len(solids) != 1 or solids[0] not in SOLIDS:
-                    raise _wrong(
-                        path, link, f"a <{part.tag}>", f"must hold one of {listed(SOLIDS)}, has {listed(solids)}"
-                    )
-            if part.tag == "inertial" and (part.find("mass") is None or part.find("inertia") is None):
-                raise _wrong(path, link, "the <inertial>", "lacks its <mass> or <inertia>")
+                _check_link_part(path, link, part)
     for joint in root.iterfind("joint"):
         for part in joint:
             if part.tag in (*JOINT_PARTS, "safety_controller"):
@@ -175,6 +166,17 @@ def kinematics_xml(path: Path) -> str:
                 limit.attrib.setdefault("effort", "0")
                 limit.attrib.setdefault("velocity", "0")
     return ET.tostring(robot, encoding="unicode")
+
+
+def _check_link_part(path: Path, link: ET.Element, part: ET.Element) -> None:
+    """Check an <inertial>, a <visual> or a <collision>."""
+    for inner in part.iter():
+        _check_attributes(path, link, inner)
+    solids = [solid.tag for solid in part.findall("geometry/*")]
+    if part.tag != "inertial" and (len(solids) != 1 or solids[0] not in SOLIDS):
+        raise _wrong(path, link, f"a <{part.tag}>", f"must hold one of {listed(SOLIDS)}, has {listed(solids)}")
+    if part.tag == "inertial" and (part.find("mass") is None or part.find("inertia") is None):
+        raise _wrong(path, link, "the <inertial>", "lacks its <mass> or <inertia>")
 
 
 def _check_attributes(path: Path, owner: ET.Element, element: ET.Element) -> None:
