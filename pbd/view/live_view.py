@@ -24,14 +24,16 @@ PIECES_AT_ONCE = 2
 """Largest number of the path's pieces sent with one picture. The rest follows with the next."""
 
 SMALLEST_M, SMALLEST_RAD = 2e-4, 2e-3
-"""Smallest motion, m and rad, that is drawn."""
+"""Smallest displacement, m, and rotation, rad, that is drawn."""
 
 VIEW_STEP_M, VIEW_MARGIN_M = 0.1, 0.03
-"""The camera's view grows by steps of VIEW_STEP_M, when the hand is nearer than VIEW_MARGIN_M to its edge, m."""
+"""Step, m, by which the box that the camera shows grows; the hand's distance from its edge, m, at which it grows."""
+
 FIRST_VIEW_M = np.array([[-0.1, -0.1, 0.0], [0.2, 0.2, 0.2]])
-"""Lowest and highest corner, m in nav, of the view at the start."""
+"""Lowest and highest corner, m in nav, of that box at the start."""
 
 State = Literal["waits", "still", "moves", "pause", "ended"]
+"""What the hand does. page.css has a colour for each."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +78,7 @@ class LiveView:
         self._path = LivePath()
         self._known: tuple[Keyframe, ...] = ()
         self._drawn: list[Pose] = []
-        self._room = FIRST_VIEW_M
+        self._box = FIRST_VIEW_M
         self._T_nav_hand = Pose.identity()
         self._viewer = LiveViewer(advice="record without --live")
         self._scene = self._viewer.visualizer
@@ -129,7 +131,7 @@ class LiveView:
             # A hand on the table may seem to be a little below its start, which must not lower the ground.
             low = VIEW_STEP_M * np.floor((low - (VIEW_MARGIN_M, VIEW_MARGIN_M, -VIEW_MARGIN_M)) / VIEW_STEP_M)
             high = VIEW_STEP_M * np.ceil((high + VIEW_MARGIN_M) / VIEW_STEP_M)
-            self._room = np.array((np.minimum(FIRST_VIEW_M[0], low), np.maximum(FIRST_VIEW_M[1], high)))
+            self._box = np.array((np.minimum(FIRST_VIEW_M[0], low), np.maximum(FIRST_VIEW_M[1], high)))
 
     def _draw(self, picture: LivePicture) -> bool:
         """Send what has changed; return whether more is left than one picture takes."""
@@ -150,7 +152,7 @@ class LiveView:
             "line": picture.line,
             "figures": list(picture.figures),
             "stops": len(self._drawn),
-            "room": self._room.tolist(),
+            "box": self._box.tolist(),
         }
         self._scene["hand"].set_property("live", words)
         return self._path.more

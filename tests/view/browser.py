@@ -22,7 +22,7 @@ Browser = Chromium | Firefox
 COARSE = """
     const { quality } = pbd.page.stage;
     Object.assign(quality.constructor, { settle_ms: 1e8, coarse_pixels: 2e4 });
-    clearTimeout(quality.settled);"""
+    clearTimeout(quality.settleTimer);"""
 """Scenes are drawn coarsely, as drawing takes most of the time without a graphics card."""
 
 LOADED_AT = (60, 40)

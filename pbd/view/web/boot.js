@@ -28,7 +28,7 @@ function* commands(bytes) {
   }
 }
 
-function begin(stage, replay) {
+function showReplay(stage, replay) {
   pbd.page?.player.pause();
   pbd.page = new Page(stage, replay);
   if (!matchMedia("(prefers-reduced-motion: reduce)").matches) pbd.page.player.play();
@@ -39,7 +39,7 @@ function begin(stage, replay) {
 }
 
 // Shows the state of a running recording.
-function watch(stage, state) {
+function showRecording(stage, state) {
   pbd.page ??= new LivePage(stage);
   pbd.page.take(state);
   requestAnimationFrame(() => { pbd.ready = true; });
@@ -53,11 +53,11 @@ async function boot() {
   const handle = stage.viewer.handle_command.bind(stage.viewer);
   stage.viewer.handle_command = (command) => {
     if (command.property === "live") {
-      watch(stage, command.value);
+      showRecording(stage, command.value);
       return;
     }
     handle(command);
-    if (command.property === "replay") begin(stage, command.value);
+    if (command.property === "replay") showReplay(stage, command.value);
   };
   if (document.getElementById("scene").textContent) {
     for (const command of commands(await unpacked("scene"))) stage.viewer.handle_command_bytearray(command);

@@ -4,7 +4,7 @@
 // joint's name fades the others.
 class Joints {
   static hues = ["#4a63dd", "#d9663f", "#2f9e6e", "#c04f8e", "#b28a1e", "#2c93b5", "#7a7f8a", "#8458c9"];
-  static near = 0.05; // share of its range: closer to a limit, an angle is highlighted
+  static nearLimit = 0.05; // share of its range: an angle closer to a limit is highlighted
 
   constructor({ joints, keyframes, duration }, seek) {
     Object.assign(this, { joints, duration });
@@ -104,7 +104,7 @@ class Joints {
     this.chips.forEach((chip, j) => {
       const angle = this.angle(j);
       chip.lastChild.textContent = this.text(j, angle, 1);
-      chip.classList.toggle("near", Math.min(angle - lower[j], upper[j] - angle) < Joints.near * (upper[j] - lower[j]));
+      chip.classList.toggle("near", Math.min(angle - lower[j], upper[j] - angle) < Joints.nearLimit * (upper[j] - lower[j]));
     });
   }
 }

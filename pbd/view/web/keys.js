@@ -5,8 +5,8 @@ class Keys {
   static names = { " ": "Space", ArrowLeft: "←", ArrowRight: "→", ArrowUp: "↑", ArrowDown: "↓" };
 
   constructor(rows) {
-    this.acts = Object.assign({}, ...rows.map(([, acts]) => acts));
-    element("keys").replaceChildren(...rows.flatMap(([words, acts]) => [this.caps(Object.keys(acts)), make("dd", words)]));
+    this.actions = Object.assign({}, ...rows.map(([, actions]) => actions));
+    element("keys").replaceChildren(...rows.flatMap(([words, actions]) => [this.caps(Object.keys(actions)), make("dd", words)]));
     const help = element("help");
     help.onclick = (event) => { if (event.target === help) help.close(); };
     document.onkeydown = (event) => this.press(event);
@@ -28,11 +28,11 @@ class Keys {
   }
 
   press(event) {
-    const act = this.acts[event.key.length === 1 ? event.key.toLowerCase() : event.key];
+    const action = this.actions[event.key.length === 1 ? event.key.toLowerCase() : event.key];
     const taken = event.target.tagName === "SELECT" || (event.key === " " && event.target.matches("button, input:not(#seek)"));
-    if (!act || taken || event.ctrlKey || event.metaKey || event.altKey) return;
+    if (!action || taken || event.ctrlKey || event.metaKey || event.altKey) return;
     if (element("help").open && event.key !== "?") return;
     event.preventDefault();
-    act();
+    action();
   }
 }

@@ -2,7 +2,7 @@
 
 // The meaning of the scene's colours, with a switch for each part.
 class Legend {
-  static magnified = 5;
+  static magnification = 5;
 
   constructor(replay, stage) {
     this.stage = stage;
@@ -44,13 +44,13 @@ class Legend {
 
   // A good sensor's ellipsoids are small; this button enlarges them.
   magnifier() {
-    const button = make("button", `${Legend.magnified}×`, { title: `Draw the ellipsoids ${Legend.magnified} times as large` });
+    const button = make("button", `${Legend.magnification}×`, { title: `Draw the ellipsoids ${Legend.magnification} times as large` });
     button.setAttribute("aria-pressed", "false");
     button.onclick = () => {
       const larger = button.getAttribute("aria-pressed") === "false";
       button.setAttribute("aria-pressed", larger);
       for (const node of this.stage.nodesNamed("two_sigma")) {
-        for (const ball of node.children) ball.scale.multiplyScalar(larger ? Legend.magnified : 1 / Legend.magnified);
+        for (const ball of node.children) ball.scale.multiplyScalar(larger ? Legend.magnification : 1 / Legend.magnification);
       }
       this.stage.viewer.set_dirty();
     };

@@ -9,7 +9,7 @@ class LivePage {
     this.stage = stage;
     this.card = element("live");
     this.stops = 0;
-    this.room = null;
+    this.box = null;
     stage.robot = false;
     this.axes = ["x", "y", "z"].map((name) => make("i", name));
     for (const id of ["recording", "live"]) element(id).hidden = false;
@@ -20,10 +20,10 @@ class LivePage {
 
   take(state) {
     this.describe(state);
-    const { stops, room } = state;
+    const { stops, box } = state;
     if (stops !== this.stops || !this.stage.labels.length) this.number(stops);
-    if (String(room) === String(this.room)) return;
-    this.room = room;
+    if (String(box) === String(this.box)) return;
+    this.box = box;
     this.look(this.stage.framed);
   }
 
@@ -62,12 +62,12 @@ class LivePage {
     this.stage.label([...this.axes, ...numbers], [...tips, ...places]);
   }
 
-  // Fits the camera to the room. It glides there, unless the user has moved it.
+  // Fits the camera to the box that it should show. It glides there, unless the user has moved it.
   look(follow) {
     const { stage } = this;
     const { camera } = stage;
     const { target } = stage.viewer.controls;
-    const [[x, y, z], [X, Y, Z]] = this.room;
+    const [[x, y, z], [X, Y, Z]] = this.box;
     const first = !stage.bounds.length;
     const from = [camera.position.clone(), target.clone()];
     stage.framed = follow;

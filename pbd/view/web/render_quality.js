@@ -16,7 +16,7 @@ class RenderQuality {
     this.renderer.shadowMap.type = THREE.PCFShadowMap;
     this.size = [window.innerWidth, window.innerHeight];
     this.caster = null; // the light that casts shadows, if the frame is fine
-    this.settled = null;
+    this.settleTimer = null;
     this.fine = false; // whether the frame on the screen is fine
   }
 
@@ -31,8 +31,8 @@ class RenderQuality {
 
   resize(width, height) {
     this.size = [width, height];
-    if (this.smooth) this.smooth.dispose();
-    this.smooth = null;
+    if (this.smoothTarget) this.smoothTarget.dispose();
+    this.smoothTarget = null;
   }
 
   render(scene, camera) {
@@ -42,8 +42,8 @@ class RenderQuality {
     }
     const [width, height] = this.size;
     this.draw(scene, camera, Math.min(1, Math.sqrt(RenderQuality.coarse_pixels / (width * height))), false);
-    clearTimeout(this.settled);
-    this.settled = setTimeout(() => requestAnimationFrame(() => this.drawSmooth(scene, camera)), RenderQuality.settle_ms);
+    clearTimeout(this.settleTimer);
+    this.settleTimer = setTimeout(() => requestAnimationFrame(() => this.drawSmooth(scene, camera)), RenderQuality.settle_ms);
   }
 
   draw(scene, camera, ratio, shadows) {
@@ -56,7 +56,7 @@ class RenderQuality {
   // Antialiasing of the canvas would slow down coarse frames too, fourfold; so a multisampled texture is used here.
   drawSmooth(scene, camera) {
     const { THREE, renderer } = this;
-    this.smooth ??= new THREE.WebGLMultisampleRenderTarget(...this.size, {
+    this.smoothTarget ??= new THREE.WebGLMultisampleRenderTarget(...this.size, {
       format: THREE.RGBAFormat,
       encoding: THREE.sRGBEncoding,
       stencilBuffer: true, // gives 24 bits of depth instead of 16, with which close surfaces flicker (z-fighting)
@@ -71,11 +71,11 @@ class RenderQuality {
         depthTest: false,
       }),
     );
-    renderer.setRenderTarget(this.smooth);
+    renderer.setRenderTarget(this.smoothTarget);
     renderer.clear();
     this.draw(scene, camera, 1, true);
     renderer.setRenderTarget(null);
-    this.copy.material.uniforms.image.value = this.smooth.texture;
+    this.copy.material.uniforms.image.value = this.smoothTarget.texture;
     renderer.render(this.copy, camera);
   }
 }

@@ -93,9 +93,9 @@ class SceneView {
   resize() {
     const [width, height] = [window.innerWidth, window.innerHeight];
     this.viewer.set_3d_pane_size(width, height);
-    const covered = (id) => (document.getElementById(id).offsetParent === null ? null : document.getElementById(id).getBoundingClientRect());
-    const panel = covered("panel");
-    const bar = covered("bar") ?? covered("live");
+    const rectangle = (id) => (document.getElementById(id).offsetParent === null ? null : document.getElementById(id).getBoundingClientRect());
+    const panel = rectangle("panel");
+    const bar = rectangle("bar") ?? rectangle("live");
     const free = { width: panel && width > 640 ? panel.left : width, height: bar ? bar.top : height };
     this.quality.resize(width, height);
     this.camera.setViewOffset(width, height, (width - free.width) / 2, (height - free.height) / 2, width, height);
