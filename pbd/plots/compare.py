@@ -20,7 +20,7 @@ Tracked = tuple[str, HandPath, Sequence[Keyframe]]
 
 
 @dataclass(frozen=True, eq=False)
-class Run:
+class AlignedDemo:
     """One of several demonstrations of a task, aligned with the first demonstration at the first stop.
 
     Attributes:
@@ -71,14 +71,14 @@ class Comparison:
         remarks: which keyframes are missing in a demonstration, or are only in one, in words.
     """
 
-    runs: tuple[Run, ...]
+    demos: tuple[AlignedDemo, ...]
     keyframes: tuple[SpreadKeyframe, ...]
     by_order: bool
     remarks: tuple[str, ...] = ()
 
-    def positions(self, run: int) -> Array:
-        """Positions of a run's keyframes, (k, 3) m; NaN where one is missing."""
-        poses = (keyframe.poses[run] for keyframe in self.keyframes)
+    def positions(self, demo: int) -> Array:
+        """Positions of a demonstration's keyframes, (k, 3) m; NaN where one is missing."""
+        poses = (keyframe.poses[demo] for keyframe in self.keyframes)
         return np.array([np.full(3, np.nan) if pose is None else pose.p for pose in poses])
 
 
@@ -104,9 +104,9 @@ def compare(demos: Sequence[Tracked]) -> Comparison:
     reference = counts.index(max(counts, key=lambda count: (usual[count], count)))
     comparable = [_comparable(keyframes) for _, _, keyframes in demos]
     partners = [_partners(comparable[reference], own) for own in comparable]
-    runs = [_run(*demo, T, partner) for demo, T, partner in zip(demos, aligned, partners, strict=True)]
+    shown = tuple(_aligned(*demo, T, partner) for demo, T, partner in zip(demos, aligned, partners, strict=True))
     spreads = [_spread([partner[k] for partner in partners], poses, covs) for k in range(counts[reference])]
-    return Comparison(tuple(runs), tuple(spreads), len(usual) == 1, tuple(_remarks(demos, partners, reference)))
+    return Comparison(shown, tuple(spreads), len(usual) == 1, tuple(_remarks(demos, partners, reference)))
 
 
 def _partners(reference: Keyframes, other: Keyframes) -> tuple[int | None, ...]:
@@ -127,30 +127,30 @@ def _comparable(keyframes: Sequence[Keyframe]) -> Keyframes:
     )
 
 
-def _run(
+def _aligned(
     name: str, path: HandPath, keyframes: Sequence[Keyframe], T_first_nav: Pose, partner: Sequence[int | None]
-) -> Run:
+) -> AlignedDemo:
     t, number = list[float](), list[int]()
     for k, own in enumerate(partner):
         if own is not None:
             t += path.rest_at(keyframes[own].t)
             number += [k, k]
     progress = np.interp(path.t[path.demonstrated], t, number, left=np.nan, right=np.nan)
-    return Run(name, T_first_nav.act(path.p_nav_sensor[path.demonstrated]), progress)
+    return AlignedDemo(name, T_first_nav.act(path.p_nav_sensor[path.demonstrated]), progress)
 
 
 def _spread(
     own: Sequence[int | None], poses: Sequence[Sequence[Pose]], covs: Sequence[Sequence[Array]]
 ) -> SpreadKeyframe:
-    present = [(run, i) for run, i in enumerate(own) if i is not None]
-    p = np.array([poses[run][i].p for run, i in present])
-    wxyz = np.array([poses[run][i].wxyz for run, i in present])
+    present = [(demo, i) for demo, i in enumerate(own) if i is not None]
+    p = np.array([poses[demo][i].p for demo, i in present])
+    wxyz = np.array([poses[demo][i].wxyz for demo, i in present])
     away = np.linalg.norm(p - p.mean(axis=0), axis=1)
     angles = np.linalg.norm(quat_log(quat_multiply(quat_inverse(mean_quaternion(wxyz)), wxyz)), axis=1)
     several = len(present) > 1
-    measured = [np.diagonal(covs[run][i]) for run, i in present if i == 0 or covs[run][i].any()]
+    measured = [np.diagonal(covs[demo][i]) for demo, i in present if i == 0 or covs[demo][i].any()]
     return SpreadKeyframe(
-        poses=tuple(None if i is None else poses[run][i] for run, i in enumerate(own)),
+        poses=tuple(None if i is None else poses[demo][i] for demo, i in enumerate(own)),
         own=tuple(own),
         p=p.mean(axis=0),
         spread=p.std(axis=0, ddof=1) if several else np.full(3, np.nan),
@@ -184,13 +184,13 @@ def spread_table(comparison: Comparison, units: Units) -> Table:
     m, deg = units.length, units.angle_sign
     positions, spreads = ([f"{what}{axis} ({m})" for axis in "xyz"] for what in ("", "spread "))
     ends = (f"spread ({deg})", f"σ ({m})", f"furthest ({m})", "which")
-    columns = ("#", f"in (of {len(comparison.runs)})", *positions, *spreads, *ends)
+    columns = ("#", f"in (of {len(comparison.demos)})", *positions, *spreads, *ends)
     rows = []
     for number, keyframe in enumerate(comparison.keyframes):
         off = keyframe.count > 1 and keyframe.furthest_m > 0.0
         near = *units.lengths(keyframe.p), *units.lengths(keyframe.spread, finer=1), *units.angles(keyframe.turn)
         sigma, furthest = units.lengths((keyframe.sigma.max(), keyframe.furthest_m), finer=1)
-        far = (furthest, comparison.runs[keyframe.furthest].name) if off else ("", "")
+        far = (furthest, comparison.demos[keyframe.furthest].name) if off else ("", "")
         rows.append((str(number), str(keyframe.count), *near, sigma, *far))
     return make_table(*columns, left=("which",), rows=rows)
 
@@ -205,7 +205,7 @@ def spread_rows(comparison: Comparison) -> list[dict[str, Any]]:
             "spread_m": keyframe.spread.tolist(),
             "spread_deg": float(np.degrees(keyframe.turn)),
             "sigma_m": keyframe.sigma.tolist(),
-            "furthest": comparison.runs[keyframe.furthest].name,
+            "furthest": comparison.demos[keyframe.furthest].name,
             "furthest_m": keyframe.furthest_m,
         }
         for number, keyframe in enumerate(comparison.keyframes)

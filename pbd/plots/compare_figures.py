@@ -30,12 +30,12 @@ def _paths(comparison: Comparison) -> Figure:
     figure = new_figure("Paths, aligned at the first stop", 8.6, 6.6)
     ax = figure.add_subplot(projection="3d", computed_zorder=False, title=_subtitle(comparison))
     assert isinstance(ax, Axes3D)
-    shown = [run.p for run in comparison.runs]
+    shown = [demo.p for demo in comparison.demos]
     scale = fit_3d(ax, shown)
-    for k, run in enumerate(comparison.runs):
-        ax.plot(*(scale * run.p).T, **_line(k))
+    for k, demo in enumerate(comparison.demos):
+        ax.plot(*(scale * demo.p).T, **_line(k))
         ax.plot(*(scale * comparison.positions(k)).T, **_dots(k))
-    legend(figure, [], _runs(comparison))
+    legend(figure, [], _legend_entries(comparison))
     label_keyframes_3d(
         ax, scale * np.array([keyframe.p for keyframe in comparison.keyframes]), scale * np.vstack(shown)
     )
@@ -47,10 +47,10 @@ def _views(comparison: Comparison) -> Figure:
     figure = new_figure("Paths from above (yx) and along x (yz)", 13.0, 6.0)
     both = figure.subplots(1, 2)
     both[0].set_title(_subtitle(comparison))
-    shown, numbered = [run.p for run in comparison.runs], []
+    shown, numbered = [demo.p for demo in comparison.demos], []
     for ax, axes in zip(both, (YX, YZ), strict=True):
         scale, columns = fit_view(ax, shown, axes, 1.0), list(axes)
-        covered = [scale * run.p[:, columns] for run in comparison.runs]
+        covered = [scale * demo.p[:, columns] for demo in comparison.demos]
         for k, path in enumerate(covered):
             ax.plot(*path.T, **_line(k))
             ax.plot(*(scale * comparison.positions(k)[:, columns]).T, **_dots(k))
@@ -61,7 +61,7 @@ def _views(comparison: Comparison) -> Figure:
                 ax.plot(*covered[-1].T, color=INK, linewidth=0.8, zorder=6.0)
         numbered.append((ax, scale * np.array([keyframe.p[columns] for keyframe in comparison.keyframes]), covered))
     more: Artist = Line2D([], [], color=INK, linewidth=0.8, label="2 standard\ndeviations")
-    legend(figure, [], [*_runs(comparison), more])
+    legend(figure, [], [*_legend_entries(comparison), more])
     for ax, at, covered in numbered:
         label_keyframes(ax, at, np.vstack(covered))
     return figure
@@ -72,15 +72,15 @@ def _positions(comparison: Comparison) -> Figure:
     figure = new_figure("Position from keyframe to keyframe", 10.0, 6.6)
     axes = figure.subplots(3, sharex=True)
     axes[0].set_title(_subtitle(comparison))
-    scale, unit = length_unit(*(run.p for run in comparison.runs))
+    scale, unit = length_unit(*(demo.p for demo in comparison.demos))
     for axis, ax in enumerate(axes):
-        for k, run in enumerate(comparison.runs):
-            ax.plot(run.progress, scale * run.p[:, axis], **_line(k))
+        for k, demo in enumerate(comparison.demos):
+            ax.plot(demo.progress, scale * demo.p[:, axis], **_line(k))
             ax.plot(range(len(comparison.keyframes)), scale * comparison.positions(k)[:, axis], **_dots(k))
         ax.set_ylabel(f"{XYZ[axis]} ({unit})")
     _keyframe_axis(axes[-1], len(comparison.keyframes))
     figure.align_ylabels(axes)
-    legend(figure, [], _runs(comparison))
+    legend(figure, [], _legend_entries(comparison))
     return figure
 
 
@@ -132,27 +132,27 @@ def _keyframe_axis(ax: Axes, count: int) -> None:
 
 def _subtitle(comparison: Comparison) -> str:
     how = "matched by order" if comparison.by_order else "matched by their moves and the grip"
-    return f"{len(comparison.runs)} demonstrations, {counted(len(comparison.keyframes), 'keyframe')} {how}"
+    return f"{len(comparison.demos)} demonstrations, {counted(len(comparison.keyframes), 'keyframe')} {how}"
 
 
-def _line(run: int) -> dict[str, Any]:
+def _line(demo: int) -> dict[str, Any]:
     count = len(DEMOS_RGB)
-    return {"color": DEMOS_RGB[run % count], "linestyle": DASHES[run // count % len(DASHES)]}
+    return {"color": DEMOS_RGB[demo % count], "linestyle": DASHES[demo // count % len(DASHES)]}
 
 
-def _dots(run: int) -> dict[str, Any]:
-    look = {"color": DEMOS_RGB[run % len(DEMOS_RGB)], "marker": "o", "markersize": 3.5}
+def _dots(demo: int) -> dict[str, Any]:
+    look = {"color": DEMOS_RGB[demo % len(DEMOS_RGB)], "marker": "o", "markersize": 3.5}
     return look | {"linestyle": "", "zorder": 5.0}
 
 
-def _runs(comparison: Comparison) -> list[Artist]:
+def _legend_entries(comparison: Comparison) -> list[Artist]:
     """The legend's entries for the demonstrations."""
     named: list[Artist] = [
-        Line2D([], [], **_line(k), label=plain_text(run.name, LONGEST_NAME))
-        for k, run in enumerate(comparison.runs[:MAX_NAMED])
+        Line2D([], [], **_line(k), label=plain_text(demo.name, LONGEST_NAME))
+        for k, demo in enumerate(comparison.demos[:MAX_NAMED])
     ]
-    if len(comparison.runs) > MAX_NAMED:
-        named.append(Line2D([], [], linestyle="", label=f"and {len(comparison.runs) - MAX_NAMED} more"))
+    if len(comparison.demos) > MAX_NAMED:
+        named.append(Line2D([], [], linestyle="", label=f"and {len(comparison.demos) - MAX_NAMED} more"))
     return named
 
 

@@ -18,7 +18,7 @@ from pbd.plots.compare import (
     spread_rows,
     spread_table,
 )
-from pbd.plots.compare_figures import COMPARISONS, FUSION_FIGURES, MAX_NAMED, _runs
+from pbd.plots.compare_figures import COMPARISONS, FUSION_FIGURES, MAX_NAMED, _legend_entries
 from pbd.plots.style import INK, style
 from pbd.pose import Array, Pose, quat_about_z, quat_multiply, quat_rotate, quat_to_matrix
 from pbd.tracking.keyframes import find_keyframes
@@ -65,7 +65,7 @@ def without(tracked: Tracked, *numbers: int) -> Tracked:
 
 def test_a_demonstration_in_another_nav_is_aligned_with_itself(tracked: list[Tracked]) -> None:
     plot = compare([tracked[0], elsewhere(tracked[0], 2.5, np.array([1.0, -2.0, 0.5]))])
-    one, other = plot.runs
+    one, other = plot.demos
     assert other.p == pytest.approx(one.p, abs=1e-9)
     for keyframe in plot.keyframes:
         assert keyframe.spread == pytest.approx(0.0, abs=1e-9)
@@ -76,7 +76,7 @@ def test_spread_is_the_standard_deviation(tracked: list[Tracked]) -> None:
     plot = compare(tracked)
     assert plot.by_order
     assert plot.remarks == ()
-    at = np.array([plot.positions(run) for run in range(3)])
+    at = np.array([plot.positions(demo) for demo in range(3)])
     for k, keyframe in enumerate(plot.keyframes):
         assert keyframe.p == pytest.approx(at[:, k].mean(axis=0))
         assert keyframe.spread == pytest.approx(np.std(at[:, k], axis=0, ddof=1))
@@ -99,11 +99,11 @@ def test_a_turned_hand_gives_the_spread_of_the_attitude(tracked: list[Tracked]) 
 
 def test_progress_counts_keyframes(tracked: list[Tracked]) -> None:
     plot = compare(tracked)
-    for (_, path, keyframes), run in zip(tracked, plot.runs, strict=True):
+    for (_, path, keyframes), demo in zip(tracked, plot.demos, strict=True):
         t = path.t[path.stops[0].start : path.stops[-1].stop]
         for k, keyframe in enumerate(keyframes):
-            assert run.progress[np.argmin(np.abs(t - keyframe.t))] == pytest.approx(k)
-        inside = run.progress[np.isfinite(run.progress)]
+            assert demo.progress[np.argmin(np.abs(t - keyframe.t))] == pytest.approx(k)
+        inside = demo.progress[np.isfinite(demo.progress)]
         assert len(inside) >= len(t) - 2
         assert (np.diff(inside) >= 0.0).all()
 
@@ -167,9 +167,9 @@ def test_paths_are_drawn_as_they_are(tracked: list[Tracked]) -> None:
     plot = compare(tracked)
     axes = draw_comparison("positions", plot).axes
     for axis, ax in enumerate(axes):
-        for run, drawn in zip(plot.runs, ax.get_lines()[::2], strict=True):
+        for demo, drawn in zip(plot.demos, ax.get_lines()[::2], strict=True):
             assert np.asarray(drawn.get_xydata()) == pytest.approx(
-                np.column_stack((run.progress, 100.0 * run.p[:, axis])), nan_ok=True
+                np.column_stack((demo.progress, 100.0 * demo.p[:, axis])), nan_ok=True
             )
     spread = draw_comparison("spread", plot).axes[0]
     bars, unit = spread.patches, 1e3 if "(mm)" in spread.get_ylabel() else 100.0
@@ -219,7 +219,7 @@ def test_a_single_demonstration_has_no_spread(tracked: list[Tracked]) -> None:
 
 def test_a_crowd_of_demonstrations_is_counted(tracked: list[Tracked]) -> None:
     plot = compare([tracked[0]] * (MAX_NAMED + 3))
-    assert [label.get_label() for label in _runs(plot)][-2:] == [plot.runs[MAX_NAMED - 1].name, "and 3 more"]
+    assert [label.get_label() for label in _legend_entries(plot)][-2:] == [plot.demos[MAX_NAMED - 1].name, "and 3 more"]
 
 
 def test_ten_takes_look_different() -> None:
