@@ -48,7 +48,7 @@ def load_demonstration(name: str | None) -> Demonstration:
 
 
 def without_aside(names: Sequence[str]) -> list[str]:
-    """Leave out demonstrations that were set aside and are given as paths, as `demos/*` gives them; unless all are."""
+    """Leave out demonstrations that were set aside, if named by a path (as `demos/*` does); keep them if all are."""
     aside = [name for name in names if len(Path(name).parts) > 1 and is_set_aside(Path(name))]
     others = [name for name in names if name not in aside]
     if others and aside:
@@ -57,7 +57,7 @@ def without_aside(names: Sequence[str]) -> list[str]:
 
 
 def say_if_hiding_bundled(folder: Path) -> None:
-    """Say if the demonstration in this folder hides a bundled one."""
+    """Say so if the demonstration in this folder hides a bundled one of its name."""
     hidden = bundled("demos") / folder.name
     if folder.parent == Path("demos") and folder.name in bundled_names("demos") and folder.resolve() != hidden:
         say(f"{folder} hides the bundled demonstration of that name")

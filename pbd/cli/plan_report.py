@@ -13,7 +13,7 @@ STRAY_M = 0.01
 
 
 def remarks(plan: Plan, calibration: str | None) -> list[str]:
-    """Return what to say of a plan: its place, size, table, torques, curved moves, how far the tool strays."""
+    """Return the remarks on a plan: its place, size, table, torques, curved moves, how far the tool strays."""
     found = whole_motion_remarks(plan, calibration)
     for i, move in enumerate(plan.segments):
         if (hit := move.avoided) is not None and move.kind != "detour":  # planning reports detours
@@ -41,7 +41,7 @@ def remarks(plan: Plan, calibration: str | None) -> list[str]:
 
 
 def whole_motion_remarks(plan: Plan, calibration: str | None) -> list[str]:
-    """Return what holds for the whole motion: its place, size, table, torques."""
+    """Return the remarks on the motion as a whole: its place, size, table, torques."""
     placed = place_remark(plan.robot, plan.calibration, calibration)
     size = size_remark(plan.robot, plan.calibration, plan.options.scale)
     return [*filter(None, (placed, size, table_remark(plan.calibration))), torque_remark(plan)]

@@ -38,6 +38,7 @@ HOLDS = (
 """How to hold the sensor in takes 1, 2, 3 and 4. Later takes repeat 2, 3 and 4."""
 
 WHY_TURN = "its own errors then point elsewhere in each take, and fusing tells them from the motion"
+"""Why the sensor is turned from take to take."""
 
 
 def run(args: argparse.Namespace) -> None:

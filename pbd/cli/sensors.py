@@ -28,7 +28,7 @@ QR_MODULE_PIXELS = 6
 """Pixels per module in a picture of the code."""
 
 MADE_BY, PNG_HEADER = f"{PICTURE_MADE_BY}segno", 33
-"""The program that made a picture, in the picture's file; bytes of a PNG's signature and header."""
+"""Name of the program in a picture's metadata; length of a PNG's signature and header, bytes."""
 
 WHITE_ON_BLACK, PLAIN = "\033[97;40m", "\033[0m"
 """Terminal colours for a code, whose characters are its light modules. A terminal's own colours may be reversed."""

@@ -22,7 +22,7 @@ from pbd.pose import quat_inverse, quat_rotate
 from pbd.view.terminal_tables import make_table
 
 HARDLY_MOVED_M = 0.0005
-"""If no other keyframe moves farther, m, a message says so: their errors hardly correlate with the touched one."""
+"""Largest motion of the other keyframes, m, that a message calls hardly any: their errors hardly correlate."""
 
 
 def run(args: argparse.Namespace) -> None:

@@ -14,7 +14,7 @@ from pbd.frozen_arrays import Frozen, readonly
 from pbd.pose import Array
 
 KEYFRAMES_PER_BATCH = 32
-"""Number of keyframes whose joint covariance is solved for at once, which bounds memory."""
+"""Number of keyframes whose joint covariance is computed at once. It bounds memory."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,7 +14,7 @@ from pbd.frozen_arrays import Frozen, freeze_arrays
 from pbd.pose import Array, Pose
 
 SAME_TIME_S = 0.002
-"""Largest difference, s, between a keyframe's time and the time in its touch-up, because files have milliseconds."""
+"""Largest difference, s, between a keyframe's time and the time in its touch-up. Files round both to milliseconds."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,7 +14,7 @@ from pbd.pose import Array
 from pbd.timestamps.even_times import batched_interval
 
 RESOLUTION_ROWS = 4096
-"""Number of rows, spread over a recording, from which the step (resolution) of its readings is found."""
+"""Number of rows, spread over a recording, from which the resolution of its readings is found."""
 
 
 @dataclass(frozen=True)
@@ -97,7 +97,7 @@ class Recording(Frozen):
 
 
 def resolution_of(values: Array) -> float:
-    """The step (resolution) of readings (n, 3): the smallest difference of two on an axis; infinity: none differs."""
+    """Resolution of readings (n, 3): the smallest difference of two on an axis, in their unit (infinite: all equal)."""
     some = values[:: max(1, len(values) // RESOLUTION_ROWS)]
     return min(float(np.diff(np.unique(axis)).min(initial=np.inf)) for axis in some.T)
 

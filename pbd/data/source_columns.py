@@ -22,8 +22,8 @@ QUANTITIES = {"t": "time", "gyr": "turn rate", "acc": "specific force", "mag": "
 )
 
 NO_UNIT, DATES = "no unit given", "its dates"
-"""Who decided a column's unit, other than a person or the file's header.
-NO_UNIT: nobody gave it, so our unit is assumed. DATES: the column holds dates, so its unit is s."""
+"""Values of `Column.unit_by` besides a person and the file's header. NO_UNIT: nobody gave the unit, so ours is assumed.
+DATES: the column holds dates, so its unit is s."""
 
 
 @dataclass(frozen=True)
@@ -88,7 +88,7 @@ class SourceColumns:
 
     @property
     def has_no_times(self) -> bool:
-        """Whether the file has no times: its samples come at a rate that was given."""
+        """Whether the file has no times, so that its samples come at a rate that a person gave."""
         return bool(self.columns) and "t" not in self._found
 
     def with_column(self, name: str, **changes: Any) -> SourceColumns:
@@ -111,7 +111,7 @@ class SourceColumns:
         return self._found["t"].unit_by if "t" in self._found else NO_UNIT
 
     def column_option(self, ours: str, theirs: str, reverse: bool) -> str:
-        """Return the option that reads `theirs`, which was read as one of our columns, as `ours`."""
+        """Return the option of `pbd import` that reads, as `ours`, the column that was read as `theirs` (our names)."""
         name = theirs
         if theirs in self._found:
             name, reverse = self._found[theirs].name, (self._found[theirs].sign < 0) != reverse
@@ -119,7 +119,7 @@ class SourceColumns:
         return f"--column {shlex.quote(f'{ours}={sign}{name}')}"
 
     def reverse_acc_option(self) -> str:
-        """Return the option that reverses all signs of the accelerometer."""
+        """Return the option of `pbd import` that reverses all signs of the accelerometer."""
         if not (acc := self.of("acc")):
             return "--unit acc=-g (or -m/s2)"
         return f"--unit acc={'-' if acc[0].sign > 0 else ''}{acc[0].unit}"

@@ -13,13 +13,14 @@ from pbd.pose import Array
 from pbd.timestamps.even_times import even_times
 
 RATE_TOLERANCE = 0.05
-"""There is a warning if the measured rate differs from the nominal one by more than this share."""
+"""Largest difference between measured and nominal rate without a warning, as a share of the nominal one."""
 
 MAX_GAP_STEPS = 2.5
-"""Longest interpolated gap in usual steps: one lost sample is bridged, two are a gap."""
+"""Longest interpolated step, in median steps: one lost sample is bridged, two are a gap."""
 
 
 SENSORS = {"acc": "accelerometer", "gyr": "gyro", "mag": "magnetometer"}
+"""Channel -> the sensor's name in messages."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +46,11 @@ class Stream(Frozen):
         return cls(t[new], values[new])
 
     def evenly_spaced(self, name: str) -> Stream:
-        """At evenly spaced times if its stamps jitter or come in batches, with a warning; else without equal times."""
+        """Return the stream without repeated times, which interpolation needs.
+
+        If its stamps jitter or come in batches, its times are replaced by evenly spaced ones, with a warning that calls
+        the sensor by its channel's `name`.
+        """
         even, fault = even_times(self.t)
         if fault:
             rate_hz = 1.0 / np.median(np.diff(even))

@@ -10,7 +10,7 @@ GRAVITY = 9.80665
 """Standard gravity, m/s2: a sensor's unit "g". Tracking estimates the local gravity at rest."""
 
 GRAVITY_ON_EARTH = (9.7, 9.9)
-"""Gravity, m/s2, is between these at any place: 9.780 to 9.832 at sea level (WGS 84), less on mountains."""
+"""Lowest and highest gravity on earth, m/s2: 9.780 to 9.832 at sea level (WGS 84), less on mountains."""
 
 MG = 1e-3 * GRAVITY
 """A milli-g, m/s2."""

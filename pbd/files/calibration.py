@@ -14,7 +14,7 @@ from pbd.pose import Array, Pose
 
 FORMAT = 1
 FULL_TURN_DEG = 360.0
-"""Largest angle of a pose, degrees."""
+"""Largest magnitude of a roll, pitch, yaw or angle tolerance in a file, degrees."""
 
 
 def load_calibration(name: str | Path) -> Calibration:
@@ -66,7 +66,12 @@ def parse_calibration(top: Section) -> Calibration:
 
 
 def read_pose(section: Section, position: str = "position", within_m: float = REACH_M) -> Pose:
-    """Read a table with a position, m, and `rpy_deg`, degrees about x, then fixed y, then fixed z."""
+    """Read a pose from a table.
+
+    Args:
+        position: the key of the position, (3,) m. The rotation's key is `rpy_deg`: about x, then fixed y, then fixed z.
+        within_m: largest magnitude of a coordinate, m.
+    """
     p, rpy_deg = section.lengths(position, 3, within=within_m), section.numbers("rpy_deg", 3, within=FULL_TURN_DEG)
     return Pose.from_rpy(p, np.radians(rpy_deg))
 

@@ -21,8 +21,11 @@ from pbd.pose import Array, Pose, quat_to_rpy
 
 HEADER = "Made by `pbd calibrate`; docs/calibration.md explains each part, calibration/default.toml each key."
 
+"""First comment of a new calibration file."""
+
 Value = str | float | bool | Sequence[float] | Mapping[str, float]
 Values = Mapping[str, tuple[Value | None, str]]
+"""Key -> its value (None removes the key), and a comment for a new key."""
 
 
 def calibration_file(name: str) -> Path:
@@ -54,8 +57,7 @@ def update_calibration(
 
     Args:
         path: the file; its folder is made.
-        parts: table ("dock", "sensor.acc") -> key -> its value (None removes the key) and a comment for a new key. A
-            "dock" takes the place of a [nav], a "nav" that of a [dock].
+        parts: table ("dock", "sensor.acc") -> its new values. A "dock" replaces a [nav], and a "nav" a [dock].
         robots: the `robots` of a new file.
         scale: the new scale; None keeps the old one.
 
@@ -74,9 +76,12 @@ def update_calibration(
 
 
 def pose_values(pose: Pose, where: str, cov: Array) -> dict[str, tuple[Value | None, str]]:
-    """Return the keys of a pose and its covariance (6, 6), m and rad, which is written out unless it is diagonal.
+    """Return the keys of a pose and of its covariance.
 
-    A position or rotation without variance was not measured, so its sigma is not written.
+    Args:
+        where: the frame of the position, for its comment ("in base").
+        cov: (6, 6) m and rad: position, then rotation vector. It is written as a matrix unless it is diagonal. A
+            position or rotation without variance was not measured, so its sigma is not written.
     """
     sigma = np.sqrt(np.diagonal(cov))
     sigma_m, sigma_deg = sigma[:3], np.degrees(sigma[3:])
@@ -94,14 +99,17 @@ def pose_values(pose: Pose, where: str, cov: Array) -> dict[str, tuple[Value | N
 
 
 def calibration_to_update(name: str) -> tuple[Path, Calibration]:
-    """Return a calibration's path and content. A new one has the bundled one's content, or none."""
+    """Return a calibration's path, and its content: the file's, else the bundled one's of that name, else an empty one.
+
+    CalibrationError: this can't be a calibration's name, or the file is not valid.
+    """
     path = calibration_file(name)
     source = _source(path)
     return path, Calibration(path.stem) if source is None else read_calibration(source)
 
 
 def earlier_fit(calibration: Calibration, part: str) -> dict[str, float]:
-    """Return how well a part fitted when it was made: the figures of its `fit`, whole numbers as such."""
+    """Return the figures of a part's `fit`: how well it fitted when it was made. Whole numbers become int."""
     prefix = f"{part}."
     of_part = {name[len(prefix) :]: x for name, x in calibration.residuals.items() if name.startswith(prefix)}
     return {name: int(x) if x == int(x) else x for name, x in of_part.items()}

@@ -26,11 +26,11 @@ from pbd.pose import Array
 
 FORMAT = 1
 UNDATED = "0001-01-01"
-"""When a demonstration was recorded that does not say it: it comes after those that do."""
+"""Date that stands for a missing one. Demonstrations without a date come after those with one."""
 RATE_BOUNDS_HZ = (1e-6, 1e6)
-"""Lowest and highest rate of a recording, Hz: one sample in eleven days; faster than any sensor."""
-
+"""Lowest and highest rate of a recording that a file may give, Hz: a sample in eleven days; faster than any sensor."""
 TRUTH_COLUMNS = ("t", "px", "py", "pz", "qw", "qx", "qy", "qz")
+"""Columns of truth.csv: s, m, and a unit quaternion."""
 
 Claim = TypeVar("Claim", Place, Contact)
 
@@ -81,7 +81,7 @@ def read_demo(folder: Path) -> Demonstration:
 
 
 def read_demo_toml(folder: Path) -> tuple[RecordingInfo, tuple[GripEvent, ...], dict[str, Any]]:
-    """Read demo.toml alone: what it says of the recording, the grip's events, other arguments of `Demonstration`."""
+    """Read demo.toml alone: the recording's info, the grip's events, and other arguments of `Demonstration`."""
     _refuse_without(folder, "demo.toml")
     top = read_toml(folder / "demo.toml", RecordingError)
     top.require_format(FORMAT)
@@ -164,7 +164,7 @@ def write_demo(
 
 
 def refuse_demo_folder(folder: Path, force: bool) -> None:
-    """Refuse a path that can't be written, or that exists, unless it is a demonstration and `force`."""
+    """Refuse (RecordingError) a path that can't be written or exists. With `force`, a demonstration may exist there."""
     if not os.path.lexists(folder):
         return refuse_folder(folder, RecordingError)
     if not force:
@@ -185,7 +185,7 @@ def refuse_demo_folder(folder: Path, force: bool) -> None:
 
 
 def refuse_unwritable_fused(demo: Demonstration, folder: Path) -> None:
-    """Refuse to write a fused demonstration with a take that has no folder, or over a recording: it has none itself."""
+    """Refuse (RecordingError) to write a fused demonstration over a recording, or with a take that has no folder."""
     if (alone := next((take for take in demo.takes if take.folder is None), None)) is not None:
         name = alone.recording.info.name
         raise RecordingError(f"'{name}' is no demonstration's folder, so it can't be a take; `pbd import` it first")
@@ -266,14 +266,14 @@ def _read_recording(table: Table, grip: tuple[GripEvent, ...], info: RecordingIn
 
 
 def imu_header(channels: Collection[str]) -> tuple[tuple[str, ...], tuple[int, ...]]:
-    """Return the names of imu.csv's columns with these channels, and their numbers of decimals."""
+    """Return the columns of an imu.csv with these channels: names, and numbers of decimals."""
     written = [IMU_COLUMNS[name] for name in IMU_COLUMNS if name in channels]
     header = ("t", *(column for columns, _ in written for column in columns))
     return header, (6, *(decimals for columns, decimals in written for _ in columns))
 
 
 def imu_rows(recording: Recording, channels: Collection[str]) -> Array:
-    """Return the rows of imu.csv with these channels; NaN where the recording lacks one."""
+    """Return the rows (n, columns) of an imu.csv with these channels; NaN for a channel that the recording lacks."""
     values = dict.fromkeys(channels, np.full((len(recording), 3), np.nan)) | recording.channels
     if recording.device_rpy is not None:
         values["device_rpy"] = compass_from_rpy(recording.device_rpy)
@@ -290,7 +290,7 @@ def _read_contact(section: Section) -> Contact:
 
 
 def _claim(section: Section, kind: Callable[..., Claim], *values: Any) -> Claim:
-    """Make a Place or a Contact; what it refuses is said with the file's keys."""
+    """Make a Place or a Contact. Its UsageError becomes the file's error, with the file's keys."""
     sigma_m = section.number("sigma_m", None, positive=True)
     try:
         return kind(*values, sigma_m)

@@ -18,7 +18,7 @@ WIDEST_ROW = 30
 """Largest number of cells in a row of one sample: time, three sensors, attitude, place, and as many again."""
 
 FIRST_ROWS = 20
-"""Number of rows by which a first column without a name is taken for the time."""
+"""Number of rows that are read to see whether the first column of a table without a header is the time."""
 
 LONGEST_TOP = 2000
 """Number of characters in which a serial monitor's first time must come."""
@@ -81,7 +81,10 @@ def without_comments(text: str, foreign: bool) -> str:
 
 
 def with_delimiters(text: str) -> str:
-    """Put tabs for bars or spaces where nothing else separates, and a delimiter after a serial monitor's times."""
+    """Replace bars or spaces by tabs in a text that has no other delimiter.
+
+    A serial monitor's times (`12:00:01.250 ->`) become a column of their own.
+    """
     stamped = _MONITOR.search(text[:LONGEST_TOP])
     if stamped and is_stamp(stamped[1] or stamped[2]):
         text = _MONITOR.sub(rf"\1\2{delimiter_of(stamped[3])}\3", text)
@@ -104,7 +107,7 @@ def without_thousands(body: str, delimiter: str) -> str:
 
 
 def without_cut_row(path: Path, body: str, cells: int, delimiter: str) -> str:
-    """Leave out a last row without a line end and with fewer cells, as a lost power leaves it. Warns of it."""
+    """Leave out, with a warning, a last row that is cut off: it has no line end and fewer cells."""
     body = body.rstrip("\0")
     end = max(body.rfind("\n"), 0)
     last = body[end + 1 :]
@@ -127,7 +130,7 @@ def _is_row(line: str) -> bool:
 
 
 def with_line_below(header: Sequence[str], below: Sequence[str]) -> list[str]:
-    """Add the cells below the names of columns: axes to their group, as in `Gyroscope,,` and `x,y,z`, else units.
+    """Merge the names of columns with the line below them, which has axes (`Gyroscope,,` above `x,y,z`) or units.
 
     `Gyroscope` and `x` become `Gyroscope x`, `acc_x` and `g` become `acc_x (g)`.
     """
@@ -144,7 +147,7 @@ def with_line_below(header: Sequence[str], below: Sequence[str]) -> list[str]:
 
 
 def cells_of(line: str, delimiter: str) -> list[str]:
-    """Return the cells of a line of a header, of which a quoted one may contain the delimiter.
+    """Split a line of a header into its cells. A quoted cell may contain the delimiter.
 
     Axes that follow `Gyro: x` as bare `y` and `z` get its words.
     """
@@ -158,9 +161,14 @@ def cells_of(line: str, delimiter: str) -> list[str]:
 
 
 def headerless_advice(path: Path, header: Sequence[str], text: str, above: int) -> str:
-    """Say what to do about a header of numbers; "" if it has names. It is a line of the text, `above` lines down.
+    """Return what to do about a table without a header, whose first row was read as one; "" if it has names.
 
     A word before the numbers that the next line repeats is no name.
+
+    Args:
+        header: the cells that were read as names.
+        text: the file's text.
+        above: number of lines above that row.
     """
     rows = text.split("\n", above + FIRST_ROWS)[above : above + FIRST_ROWS]
     labelled = _is_row("\t".join(header)) and header[0][:1].isalpha() and "".join(rows[1:2]).startswith(header[0])

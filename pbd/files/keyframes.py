@@ -21,14 +21,16 @@ from pbd.pose import quat_to_rpy
 FORMAT = 1
 KEYFRAMES_FILE = "keyframes.toml"
 GRIPS = {"closes": True, "opens": False}
+"""Words for `Keyframe.grip`."""
+
 ORIGIN_TOLERANCE_M = 1e-3
 """Largest coordinate of the first keyframe, m. It is the origin of nav; this allows for rounding."""
 
 LEAST_TOLERANCE_M, LEAST_TOLERANCE_DEG = 1e-4, 0.01
-"""Smallest tolerance that is written, m and degrees. A smaller one would be rounded to zero."""
+"""Smallest tolerances that are written, m and degrees. Smaller ones would be rounded to zero."""
 
 FARTHEST_M = 5.0
-"""Largest distance of a keyframe from the dock along an axis, m: twice the reach of a large arm."""
+"""Largest coordinate of a keyframe in nav, whose origin is the dock, m: twice the reach of a large arm."""
 
 LONG_DWELL_S = 60.0
 """Longest dwell without a warning, s. A longer one was probably meant in milliseconds."""

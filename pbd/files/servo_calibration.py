@@ -97,7 +97,7 @@ def find_servo_calibration(named: Path | None, robot: str, robot_type: str) -> P
 
 
 def own_servo_calibration(robot: str) -> Path:
-    """Return the path that `pbd run --calibrate` writes."""
+    """Return the path of the file that `pbd run --calibrate` writes: ./calibration/ROBOT-servos.json."""
     return Path("calibration") / f"{robot}-servos.json"
 
 

@@ -35,10 +35,10 @@ LONGEST_PREAMBLE = 100
 """Largest number of lines above the header."""
 
 BLOCK_CHARACTERS = 1_000_000
-"""Characters that are parsed at once. A larger block needs more memory."""
+"""Length of a block of text that is parsed at once, characters. It bounds memory."""
 
 ROWS_AT_ONCE = 20_000
-"""Rows that are written at once: a few MB of text."""
+"""Number of rows that are written at once: a few MB of text."""
 
 _DECIMAL_COMMA = re.compile(r"\s*[-+]?\d*,\d+([eE][-+]?\d+)?\s*")
 
@@ -168,7 +168,7 @@ class Sheet:
         return np.array(rows, dtype=np.float64).reshape(len(rows), len(columns))
 
     def _rows(self, text: str, first: int) -> Iterator[tuple[int, list[str]]]:
-        """Yield first line's number and cells of each row that is not empty; the text begins in line `first`."""
+        """Yield each row that is not empty: its first line's number, and its cells; the text begins in line `first`."""
         rows = csv.reader((line for block in _blocks(text) for line in block.split("\n")), delimiter=self.delimiter)
         line = first
         try:

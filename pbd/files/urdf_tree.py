@@ -18,11 +18,13 @@ from pbd.io.numbers import finite
 from pbd.io.urdf import LONGEST_M, read_urdf_xml, read_xml
 
 ACTUATED = ("revolute", "continuous", "prismatic")
+"""Types of joints with one degree of freedom."""
+
 RESERVED_NAME = "universe"
 """Pinocchio's name for the frame of the world; it finds no other link or joint of that name."""
 JOINT_TYPES = (*ACTUATED, "fixed", "floating", "planar")
 NO_LIMITS = {"lower": -math.inf, "upper": math.inf}
-"""The keys of a <limit>'s positions, and what they are for a joint without such limits."""
+"""Keys of a <limit>'s positions -> the limits of a joint that has none."""
 
 
 @dataclass(frozen=True)

@@ -30,7 +30,7 @@ def is_set_aside(folder: Path) -> bool:
 
 
 def why_kept(old: Path, new: Path | None = None) -> str:
-    """Say why the demonstration `old` is not removed when `new` replaces it; "" if nothing of a person would be lost.
+    """Say why the demonstration `old` is kept when `new` replaces it; "" if no work of a person would be lost.
 
     Nothing is lost of an unedited demonstration that is simulated, fused, a link, or the same as the new one.
     """

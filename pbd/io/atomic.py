@@ -131,7 +131,7 @@ def refuse_output(file: Path, inputs: Iterable[str | None] = ()) -> None:
 
 
 def name_aside(folder: Path, word: str) -> Path:
-    """Return the first free name of NAME.word, NAME.word-2, NAME.word-3, ..."""
+    """Return the first path of NAME.word, NAME.word-2, NAME.word-3, ... at which nothing is."""
     names = itertools.chain([word], (f"{word}-{n}" for n in itertools.count(2)))
     return next(free for name in names if not os.path.lexists(free := folder.with_name(f"{folder.name}.{name}")))
 
@@ -149,7 +149,7 @@ def _take_name(new: Path, path: Path, rename_old: bool) -> Path | None:
 
 
 def remove_folder(aside: Path) -> str:
-    """Remove a folder, or a link to one. Return "", or a message if it can't be removed."""
+    """Remove a folder, or a link to one. Return "", or the end of a message if it can't be removed."""
     try:
         if aside.is_symlink():
             aside.unlink()  # the link's target stays

@@ -12,7 +12,7 @@ _STAMP = re.compile(
     r"\s*(?:Z|UTC|([+-])(\d{2})(?::?(\d{2}))?)?)?\s*"
 )
 _CTIME = re.compile(r"^\s*(?:[A-Za-z]{3},?\s+)?([A-Za-z]{3})\s+(\d\d?)\s+([\d:.]+)\s+(\d{4})\s*$")
-"""C's and Python's `Wed Dec 22 21:09:46 2021`."""
+"""Pattern of C's and Python's `Wed Dec 22 21:09:46 2021`."""
 _MONTHS = ("jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec")
 DAY_S, HOUR_S = 86400.0, 3600.0
 NO_NUMBER = frozenset(
@@ -20,6 +20,7 @@ NO_NUMBER = frozenset(
 )
 """Cells without a number, in lower case: pandas.read_csv's, dashes, German spreadsheets' #NV, Windows' NaN."""
 DATE_ORDERS = ("ymd", "dmy", "mdy", "ydm")
+"""Orders of year, month and day in a date. If several fit equally well, the first is taken."""
 LARGEST_NUDGE_M = 0.5
 """Largest nudge or tolerance along an axis, m. A larger one was probably meant in millimetres."""
 YEAR_2000_DAY = date(2000, 1, 1).toordinal()

@@ -161,7 +161,7 @@ class Section:
         return self._bounded(key, values, positive, within)
 
     def length(self, key: str) -> float | None:
-        """Return a length or a coordinate in base, m, or None; beyond any arm's reach, it is not in metres: refused."""
+        """Return a length or a coordinate, m, or None. One beyond any arm's reach is refused: it is not in metres."""
         value = self.number(key, None)
         return None if value is None else self._within_reach(key, [value], REACH_M)[0]
 

@@ -10,6 +10,7 @@ from pbd.errors import PbdError, printable
 
 DECIMAL_POINTS = "write decimal points, not commas: 0.5"
 TO_THE_TOP = "move it above the first [table]"
+"""What to do about a number with a decimal comma, and about a key of the whole file inside a table."""
 
 _HEADER = r"\s*\[\[?\s*([\w.\-]+)\s*\]"
 """Pattern of a table's header, [name] or [[name]]."""

@@ -21,7 +21,7 @@ TRUTH_SPEED_S = 0.02
 """Half the interval, s, of the differences that give the true velocity. Adjacent optical samples differ by noise."""
 
 LATE_RATIO = 1.5
-"""A sample is late or lost if its interval exceeds the median interval by this factor."""
+"""Smallest interval before a sample that counts as late or lost, in median intervals."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -39,9 +39,9 @@ TIME_WIDTH = 10.0
 VIEW_SIZE = (8.4, 6.4)
 """Size of a picture of the path, inches."""
 A4 = (11.69, 8.27)
-"""Landscape, inches."""
+"""Width and height of a landscape page, inches."""
 FINDING_WIDTH, FINDING_LINES, ALL_FINDINGS_LINES = 46, 5, 14
-"""In the summary: characters per line, lines of one finding, and lines of all findings."""
+"""In the summary: most characters in a line, most lines of one finding, and of all findings."""
 
 
 def names(demo: DemoValues) -> tuple[str, ...]:

@@ -21,20 +21,20 @@ UNSURE_MOVE_M = 0.01
 """Largest sigma, m, that a move adds without a finding. (`pbd record` says "pause now" above it.)"""
 
 DRIFT_M_S2 = 0.2
-"""Largest bias of a cheap accelerometer, m/s2 (20 mg). A larger residual velocity has another cause."""
+"""Largest bias of a cheap accelerometer, m/s2 (20 mg). It bounds the residual velocity that drift explains."""
 
 TREMBLE_S, TREMBLE_WITHIN_M, TREMBLE_WITHIN_RAD = 0.5, 0.015, 0.3
-"""A hand is held still if during TREMBLE_S seconds its pose varies by less than this distance, m, and angle, rad."""
+"""Duration, s, of a window, and largest range of the position, m, and the attitude, rad, of a hand held still in it."""
 TREMBLE_RMS_M_S2 = 0.3
 """Smallest acceleration, m/s2 rms, of a trembling hand. A short and slow move reaches at most 0.25."""
 TREMBLE_MEAN_SHARE = 0.25
-"""Largest ratio of squared mean to mean square of a trembling hand's acceleration, whose direction alternates."""
+"""Largest ratio of squared mean to mean square of a trembling hand's acceleration. It is small: the sign alternates."""
 
 OFF_SIGMAS = 4.0
 """Largest error of a keyframe, in sigmas, without a finding. The probability of a larger one is one in a thousand."""
 
 MAX_LISTED, MAX_HIGHLIGHTED = 3, 10
-"""Largest number of findings of one kind that are listed one by one, and of highlighted ones in a summed-up list."""
+"""Largest number of findings of one kind that are listed one by one; more become one, which highlights this many."""
 
 MAX_RANGES = 3
 """Largest number of keyframe numbers, or ranges of them, in a label or a finding."""

@@ -26,7 +26,7 @@ LEAST_ASPECT = 0.3
 TRIAD_SHARE = 0.1
 """Length of a triad's axes, as a share of the path's extent."""
 MAX_NUMBERED = 100
-"""If more keyframes than this exist, only every second (third, ...) has a number, triad and ellipse."""
+"""Largest number of keyframes that get a number, triad and ellipse. Of more, every second (third, ...) gets them."""
 ELEVATION, AZIMUTH = 26.0, -164.0
 """Direction of view, degrees: from behind, above and slightly right, so that x points away and y to the left."""
 
@@ -95,7 +95,7 @@ def _paths(demo: DemoValues) -> tuple[Array, list[Array]]:
 
 
 def _step(count: int) -> int:
-    """Of so many keyframes, every how many-th is numbered."""
+    """Return k so that at most MAX_NUMBERED keyframes are numbered if every k-th is."""
     return -(-count // MAX_NUMBERED)
 
 
@@ -143,7 +143,7 @@ def path_view(ax: Axes, demo: DemoValues, axes: tuple[int, int]) -> tuple[Array,
 
 
 def _largest_view(points: Array) -> tuple[Array, Array]:
-    """Lowest and highest corner, m, of the largest box that a view shows: the path, and half its extent around it."""
+    """Lowest and highest corner, m, of the largest box that a view of points shows: half their extent around them."""
     middle, extent = _middle_and_extent(points, SMALLEST_BOX_M)
     reach = 0.5 * extent + 0.5 * float(extent.max())
     return middle - reach, middle + reach

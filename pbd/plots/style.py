@@ -42,9 +42,12 @@ AXES_RGB = (VERMILION, GREEN, BLUE)
 DEMOS_RGB = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY)
 """Colours of several demonstrations."""
 SIGMA_RGB = PURPLE
+"""Colour of sigmas and their ellipses."""
 INK, GREY, REST = "#222222", "#6e6e6e", "#e9e9e9"
+"""Colours of text and lines, of what is secondary, and of the rests on a time axis."""
 KNOWN_LOOK: dict[str, Any] = {"marker": "s", "markersize": 7.0, "markerfacecolor": "none", "markeredgecolor": PURPLE}
 KNOWN_LOOK |= {"linestyle": "", "label": "known place"}
+"""Look of a keyframe whose place is known."""
 FINDING_LOOK: dict[str, Any] = {"facecolor": "#f4ec8c", "edgecolor": "#f4ec8c", "linewidth": 2.0}
 """Highlight of a finding. The edge keeps a very short one visible."""
 TRUTH_LOOK: dict[str, Any] = {"alpha": 0.35, "linewidth": 4.0, "solid_capstyle": "butt"}

@@ -32,7 +32,7 @@ class Sample(NamedTuple):
 class Tally:
     """Counts of good packets, of broken or impossible ones, and of presses of the device's own grip buttons.
 
-    `last_fault` is what was wrong with the last bad packet and what to do, where the person chose how packets are read.
+    `last_fault` says what was wrong with the last bad packet and what to do, if a person chose how packets are read.
     """
 
     packets: int = 0

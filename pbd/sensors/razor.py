@@ -18,6 +18,7 @@ from pbd.sensors.line_layout import Line, LineLayout
 from pbd.sensors.lines import LineDecoder
 
 UNITS: Mapping[str, str] = {"acc": "0.00390625 g", "gyr": "0.06957 deg/s"}
+"""Units of the boards with an ITG-3200."""
 
 
 def razor_layout(units: Mapping[str, str] | None = None) -> LineLayout:

@@ -12,8 +12,7 @@ READ_TIMEOUT_S = 0.02
 """Longest time that a read of a port, or `Reader.take`, waits for bytes, s."""
 
 TAKE_BYTES = 32768
-"""`Reader.take` returns once it has this many bytes, about 0.1 s of the fastest sensor, so that its caller can do other
-work between two calls."""
+"""Number of bytes with which `Reader.take` returns, for its caller's other work: about 0.1 s of the fastest sensor."""
 
 CLOSE_TIMEOUT_S = 5.0
 """Longest time that `Reader.close` waits for a read that hangs, s."""

@@ -29,6 +29,8 @@ NORM_TOLERANCE = 0.02
 """Largest deviation of a quaternion's norm from 1. The device sends zeros before its filter runs."""
 
 UNITS = {0x51: ACC_PER_COUNT, 0x52: GYR_PER_COUNT, 0x53: ANGLE_PER_COUNT, 0x54: 1.0}
+"""Type of a packet -> unit of its counts: m/s2, rad/s, rad, and the device's own for the field."""
+
 QUATERNION = 0x59
 
 _WORDS = Struct("<2x4hx")

@@ -40,7 +40,7 @@ FRONT_SIDE, DOUBLE_SIDE = 0, 2
 """three.js' constants."""
 
 STILL_CHANGE = 1e-9
-"""Smallest change over the motion, m or in a quaternion's components, that is animated."""
+"""Smallest change over the motion that is animated, m or in a quaternion's components."""
 
 LEAST_SIGMA_M = 5e-5
 """Smallest sigma, m, of a drawn ellipsoid: the page can't read a rotation from the matrix of a flat one."""
@@ -93,7 +93,7 @@ def linear_light(rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 
 def scene_object(mesh: Mesh, opacity: float = 1.0) -> MeshcatMesh:
-    """Make an object for `Visualizer.set_object` of a mesh with its own colours."""
+    """Make an object for `Visualizer.set_object` from a mesh, in the mesh's own colours; opacity in 0..1."""
     side = FRONT_SIDE if mesh.closed else DOUBLE_SIDE
     material = MeshPhongMaterial(vertexColors=True, opacity=opacity, side=side, shininess=30, specular=0x1C1C1C)
     thing = MeshcatMesh(MeshGeometry(mesh), material)

@@ -35,6 +35,7 @@ POLICY = (
     "default-src 'none'; script-src {hashes}; style-src 'unsafe-inline'; img-src data: blob:; connect-src {connect}; "
     "base-uri 'none'; form-action 'none'"
 )
+"""The page's content security policy."""
 
 
 def write_page(scene: ReplayScene, path: str | Path) -> None:

@@ -20,22 +20,24 @@ from pbd.view.visuals import Visual, read_visuals
 PATH_SPACING_M = 0.003
 """Distance, m, between two points of a drawn path."""
 TOOL_PATH_RGB, TOOL_PATH_RADIUS_M = (0.55, 0.57, 0.60), 0.0012
+"""Colour, and radius (m), of the tool's path."""
 DETOUR_RGB, DETOUR_RADIUS_M = (0.64, 0.28, 0.80), 0.003
-"""Colour and radius of the tool's path where the arm avoids an obstacle. It is thicker than the rest of the path, for
-people who cannot distinguish the colours."""
+"""Colour, and radius (m), of the tool's path where the arm avoids an obstacle. It is thicker than the rest, for people
+who cannot distinguish the colours."""
 CONTACT_RGB = (0.86, 0.12, 0.10)
 """Colour of bodies that touch."""
 OBSTACLE_RGB, OBSTACLE_OPACITY = (0.62, 0.55, 0.47), 0.6
+"""Look of obstacles."""
 OBJECT_RGB, OBJECT_OPACITY = (0.16, 0.55, 0.53), 0.72
-"""The grasped object is translucent, so that it does not hide keyframes and the path."""
+"""Look of the grasped object. It is translucent, so that it does not hide keyframes and the path."""
 GRIPPER_RGB, GRIPPER_OPACITY = (0.55, 0.58, 0.63), 0.55
-"""Colour of the rod, and of a drawn palm with two fingers, whose size is a guess and which is not checked."""
+"""Look of the palm and the two fingers that are drawn for a model without a gripper. The rod has the same colour."""
 TOLERANCE_RGB, TOLERANCE_OPACITY = (0.92, 0.59, 0.16), 0.3
-"""Colour of the ellipsoids of keyframes' tolerances, which may contain those of two sigma."""
+"""Look of the ellipsoids of keyframes' tolerances. The ellipsoids of two sigma inside stay visible."""
 FINGER_M, HALF_STROKE_M = 0.055, 0.04
-"""Length of these fingers, and half the distance between them when they hold nothing, m."""
+"""Length of those fingers, and half the distance between them when they hold nothing, m: a guess."""
 OBSTACLE_MARGIN_M = 0.15
-"""An obstacle, which may be a long wall, extends the camera's view by at most this much, m."""
+"""Largest distance, m, by which an obstacle, which may be a long wall, extends the camera's view."""
 
 
 def build(scene: ReplayScene, into: Visualizer) -> None:

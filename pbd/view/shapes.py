@@ -17,7 +17,9 @@ AXES_RGB = ((0.88, 0.27, 0.24), (0.22, 0.66, 0.36), (0.22, 0.46, 0.92))
 SPEED_RGB = np.array([[0.29, 0.42, 0.93], [0.60, 0.36, 0.85], [0.93, 0.40, 0.48], [0.98, 0.66, 0.27]])
 """Colours of the hand's path, from slow to fast. They are also in the page's legend (page.css)."""
 PATH_RADIUS_M = 0.0025
+"""Radius, m, of the tube that shows the hand's path."""
 TRIAD_M, TRIAD_RADIUS_M = 0.05, 0.0012
+"""Length and radius, m, of the axes at keyframes."""
 UNSURE_RGB, UNSURE_OPACITY = (0.10, 0.72, 0.85), 0.6
 """Colour of the ellipsoids of two sigma. Nothing else has this colour, as they are often smaller than a fingertip."""
 

@@ -66,7 +66,7 @@ def is_closed(stream: TextIO) -> bool:
 
 
 def for_rich(stream: TextIO) -> TextIO:
-    """The same standard stream for rich, whose control sequences are passed on."""
+    """Return the same standard stream for a writer of control sequences, such as rich: they are passed on."""
     if not isinstance(stream, SafeStream):
         return stream
     return cast(TextIO, SafeStream(stream.stream, stream.needed, drawn=True))

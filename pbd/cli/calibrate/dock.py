@@ -23,10 +23,10 @@ LIMIT_TOLERANCE = 1e-6
 """Largest excess of a given joint over its limit, rad or m. Limits are printed in rounded degrees."""
 
 MAYBE_RAD_BELOW = 2.0 * np.pi
-"""Angles up to this may be rad, not degrees, if one has a second decimal, as a quarter turn in rad (1.57) has."""
+"""Largest angle, as typed, that may be rad instead of degrees. A second decimal, as in 1.57, makes that likely."""
 
 BASE_NOTE_START = "base is "
-"""How a robot's note begins that says in which direction its base points."""
+"""Beginning of a robot's note about the direction in which its base points."""
 
 
 def run(args: argparse.Namespace) -> None:

@@ -30,7 +30,7 @@ from pbd.view.calibration_tables import points_table
 from pbd.view.terminal_tables import print_table
 
 REPORTED_DEG = 0.5
-"""Sigma of nav's heading by the sensor's tilt error, degrees, above which it is reported: 4 mm half a metre away."""
+"""Largest sigma of nav's heading from the sensor's tilt error, degrees, that is not reported: 4 mm at half a metre."""
 
 
 def run(args: argparse.Namespace) -> None:

@@ -15,8 +15,8 @@ def judge_fit(path: Path, before: Calibration | None, figure: str, chi2: float, 
         before: its content, if it has that part, measured.
         figure: "part.figure" of the fit's chi2 in `residuals`.
         chi2: of the new fit.
-        what: the beginning of the message: how it fits.
-        again: what to do.
+        what: how it fits: the beginning of the message.
+        again: what to do: the end of the message.
     """
     part = f"the [{figure.partition('.')[0]}] of {path}"
     if chi2 > POOR_CHI2 and before is not None and before.residuals.get(figure, 0.0) <= POOR_CHI2:

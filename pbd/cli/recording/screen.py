@@ -19,7 +19,10 @@ LINES_KEPT, OTHER_LINES = 6, 11
 KEYS_LINE = "Enter ends · space grips or lets go · q discards"
 TRACKING_LINE = "on disk; now the whole recording is tracked ..."
 PLAIN_EVERY_S = 2.0
+"""Period of `PlainScreen`'s lines about the state, s."""
+
 BAR_WIDTH, PANEL_WIDTH = 20, 78
+"""Characters."""
 
 
 class PlainScreen:

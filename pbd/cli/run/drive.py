@@ -36,7 +36,7 @@ TIMED_ROUND_TRIPS = 10
 START_QUESTION = "Clear the arm's way; keep a hand at its power switch. Enter starts it; any other key cancels."
 
 UNCHANGED_NOTE = "the servos are as they were: stiff ones still hold"
-"""What is said of the servos if the person cancels before they get a goal."""
+"""Note on the message if the person cancels before the servos get a goal."""
 
 EXIT_STOPPED = 130
 """Exit code after a key stopped the arm: the same as after Ctrl-C."""

@@ -29,7 +29,7 @@ class Format(NamedTuple):
         rules: how receivers interpolate between its points; empty if it does not move an arm.
         suffix: the suffix of a file name that selects it; "": it must be named.
         other_suffixes: further suffixes that its files may have.
-        default_hz: the default rate; 0: at its own instants unless a rate is given; None: always at its own instants.
+        default_hz: the default rate, Hz; 0: its own instants unless a rate is given; None: always its own instants.
         checks_robot: its module's `check(robot)` refuses unsuitable robots, and a missing package.
     """
 
@@ -55,15 +55,16 @@ FORMATS = {
     "glb": Format("glb", "frames", suffix=".glb", default_hz=50.0),
 }
 SUFFIXES = {each.suffix: name for name, each in FORMATS.items() if each.suffix}
+"""Suffix of a file's name -> the format that it selects."""
 
 DATASETS = ("lerobot",)
 """Formats that are a folder of several motions."""
 
 LOWEST_HZ, HIGHEST_HZ = 10.0, 1e5
-"""Range of --rate."""
+"""Lowest and highest --rate, Hz."""
 
 SERVOJ_HZ = (125.0, 500.0)
-"""Rates of a CB3 and of an e-Series controller, for urscript's --dense."""
+"""Control rates of a CB3 and of an e-Series controller, Hz, for urscript's --dense."""
 
 CUBIC_EXCESS = 0.1
 """Largest excess over a limit, as a fraction of it, that causes no warning if a receiver joins the samples of a "hold"

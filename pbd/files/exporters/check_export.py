@@ -22,8 +22,8 @@ Shares = Mapping[Rule, tuple[Share, Share, Share]]
 """Rule -> largest used fraction of the velocity, acceleration and jerk limits."""
 
 ROUNDING_EXCESS = 1e-3
-"""Largest excess over a limit, as a fraction of it, that is attributed to rounding; --margin then helps. Rounding to
-whole nanoseconds causes less than 1e-5."""
+"""Largest excess over a limit, as a fraction of it, that is attributed to rounding: the message then advises --margin.
+Rounding to whole nanoseconds causes less than 1e-5."""
 
 EXACT_RAD = 1e-5
 """Largest deviation from the planned motion, rad, for which the planned motion's audit is valid. It is the audit's
@@ -67,7 +67,7 @@ def check_received(request: ExportRequest, points: Samples, rules: tuple[Rule, .
 
 
 def limit_use(request: ExportRequest, points: Samples, rule: Rule, worst: Share) -> str:
-    """Return the part of a message that tells how much of a limit is used, and where."""
+    """Return the beginning of a message: how much of a limit a receiver uses, of which joint, and when."""
     joint, t = request.robot.joints[worst.joint], points.t[worst.point]
     times = f"{worst.value:.{2 if worst.value > 1.0 + ROUNDING_EXCESS else 7}f}"
     if rule in ("cubic", "quintic"):

@@ -39,9 +39,10 @@ COLUMNS = {"timestamp": "float32", **dict.fromkeys(("frame_index", "episode_inde
 """LeRobot's columns for each frame, besides state and action, and their types."""
 
 QUANTILES = {f"q{round(100 * share):02d}": share for share in (0.01, 0.1, 0.5, 0.9, 0.99)}
+"""Names of LeRobot's statistics of a column -> the quantile, 0..1."""
 
 AT_HOME_RAD = 1e-6
-"""Largest distance from home, rad, that counts as at home."""
+"""Largest distance of a joint from home, rad, that counts as at home."""
 
 
 class Episode(NamedTuple):
@@ -61,7 +62,7 @@ def check(robot: Robot) -> None:
 
 
 def refuse_dataset(folder: Path, robot: Robot) -> None:
-    """Refuse a folder to which this robot's episodes can't be added (PbdError), before the command starts to work."""
+    """Refuse (PbdError) a folder to which this robot's episodes can't be added, before the command starts to work."""
     if not read_episodes(folder, robot):
         refuse_folder(folder)
 
@@ -157,7 +158,7 @@ def read_episodes(folder: Path, robot: Robot) -> list[Episode]:
 
 
 def robot_type_of(robot: Robot) -> str:
-    """Return LeRobot's name of the arm."""
+    """Return LeRobot's name of the arm, else the robot's own."""
     return robot.name if robot.servos is None else robot.servos.robot_type
 
 

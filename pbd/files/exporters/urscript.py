@@ -21,11 +21,13 @@ from pbd.io.made_by_pbd import sealed
 from pbd.pose import Array
 
 JOINTS = ("shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint", "wrist_1_joint", "wrist_2_joint", "wrist_3_joint")
+"""Names of the joints in Universal Robots' own URDFs, base to tool. A prefix may come before them."""
+
 OFF_LINE_RAD = 1e-6
 """Largest deviation of a move from a straight line in joint space, rad, for movej."""
 
 SETTLE_S = 0.2
-"""After the last servoj of a move, its point is held so long, s: twice the lookahead time, by which the arm lags."""
+"""Time for which a dense move's last point is held, s: twice servoj's lookahead time, by which the arm lags."""
 
 STOP_RAD_S2 = 4.0
 """Deceleration (rad/s2) of the stopj that ends servo mode; UR's own driver uses it (external_control.urscript)."""

@@ -14,6 +14,7 @@ from collections.abc import Iterator
 from pbd.sensors.phyphox.answers import BUFFERS
 
 EXPERIMENT_FILE = "pbd.phyphox"
+"""Name of the experiment's file."""
 
 BUFFER_ROWS = 60_000
 """Samples of each sensor that the phone keeps: 10 minutes at 100 Hz, 2.5 minutes at 400 Hz. The network may fail for as
