@@ -28,7 +28,7 @@ class ErrorEstimate:
 
     @property
     def surprise(self) -> Array:
-        """Difference between estimate and prior mean, in sigmas of that difference by chance.
+        """Difference between estimate and prior mean, in its sigmas; 0 where the recording taught too little.
 
         The variance of that difference is the prior's variance minus the estimate's.
         """

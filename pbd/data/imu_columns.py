@@ -6,6 +6,7 @@ from pbd.pose import Array
 
 GYR, ACC, MAG = ("gx", "gy", "gz"), ("ax", "ay", "az"), ("mx", "my", "mz")
 ATTITUDE = ("heading", "pitch", "roll")
+"""Columns of the gyro, the accelerometer, the magnetometer, and of the device's own attitude."""
 
 IMU_COLUMNS = {"gyr": (GYR, 7), "acc": (ACC, 6), "mag": (MAG, 4), "device_rpy": (ATTITUDE, 6)}
 """Channel of a recording -> its columns and their number of decimals, in the file's order."""
@@ -21,6 +22,6 @@ def rpy_from_compass(angles: Array) -> Array:
 
 
 def compass_from_rpy(rpy: Array) -> Array:
-    """Convert to heading in 0..2 pi, pitch, roll: the inverse of `rpy_from_compass`."""
+    """Convert roll, pitch, yaw (n, 3) to heading in 0..2 pi, pitch, roll, rad: the inverse of `rpy_from_compass`."""
     roll, pitch, yaw = rpy.T
     return np.column_stack((np.mod(0.5 * np.pi - yaw, 2.0 * np.pi), -pitch, roll))

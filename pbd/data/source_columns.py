@@ -16,10 +16,15 @@ RPY = ("anglex", "angley", "anglez")
 """The device's own attitude as rotations about x, y, z; the one about z counts from east to north."""
 
 CHANNELS = {"t": ("t",), "gyr": GYR, "acc": ACC, "mag": MAG, "angle": ATTITUDE, "rpy": RPY}
+"""Channel of an imported file -> our names of its columns."""
+
 CHANNEL_OF = {ours: channel for channel, names in CHANNELS.items() for ours in names}
+"""Our name of a column -> its channel."""
+
 QUANTITIES = {"t": "time", "gyr": "turn rate", "acc": "specific force", "mag": "field"} | dict.fromkeys(
     ("angle", "rpy"), "the device's own attitude"
 )
+"""Channel -> what it measures, for people."""
 
 NO_UNIT, DATES = "no unit given", "its dates"
 """Values of `Column.unit_by` besides a person and the file's header. NO_UNIT: nobody gave the unit, so ours is assumed.

@@ -7,7 +7,7 @@ from pbd.errors import PbdError, listed, nearest, require_kind
 from pbd.io.atomic import exists, is_folder
 
 SUFFIXES = {"robots": ".toml", "calibration": ".toml", "demos": ""}
-"""Kind of named thing, and its folder's name -> suffix of its files; "": it is a folder itself."""
+"""Kind of a thing that has a name, which is also its folder's name -> suffix of its file; "": it is a folder itself."""
 
 
 def bundled(kind: str) -> Path:

@@ -18,7 +18,7 @@ NAME, POSITION = "name", "position"
 """The fields of a sensor_msgs/JointState that are read. Its positions are in rad, or m for sliding joints."""
 
 LARGEST_POSITION = 1e6
-"""Largest joint position, in any unit. Even an endless joint stays below it."""
+"""Largest magnitude of a joint position, in any unit: 2700 turns in degrees, a kilometre in mm."""
 
 
 def read_joints(

@@ -15,6 +15,7 @@ from pbd.frozen_arrays import Frozen, freeze_arrays
 from pbd.pose import Array
 
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
+"""Unit of a coordinate -> its factor to m."""
 
 
 @dataclass(frozen=True, eq=False)

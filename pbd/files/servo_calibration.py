@@ -46,6 +46,7 @@ BOUNDS = {
     "range_min": (0, COUNTS - 1),
     "range_max": (0, COUNTS - 1),
 }
+"""Lowest and highest value of each field of `ServoCalibration`."""
 
 
 def read_servo_calibration(path: Path, joints: Sequence[str]) -> dict[str, ServoCalibration]:

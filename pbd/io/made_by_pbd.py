@@ -41,7 +41,7 @@ def sealed(text: str) -> str:
 def refuse_others_file(file: Path) -> None:
     """Refuse (PbdError) to write over a file that pbd did not make, or that was edited where people are asked to.
 
-    An empty one is lost to nobody.
+    An empty file may be replaced: nobody loses anything.
     """
     old = read_bytes(file, PbdError, "give another place")
     ours = any(re.match(start, old, re.DOTALL) and mark in old for start, mark in _KINDS.items())

@@ -24,6 +24,7 @@ DATE_ORDERS = ("ymd", "dmy", "mdy", "ydm")
 LARGEST_NUDGE_M = 0.5
 """Largest nudge or tolerance along an axis, m. A larger one was probably meant in millimetres."""
 YEAR_2000_DAY = date(2000, 1, 1).toordinal()
+"""Ordinal of the day from which dates count."""
 
 
 def number(text: str) -> float:

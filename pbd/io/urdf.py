@@ -90,8 +90,12 @@ RULES: dict[str, dict[str, _Rule]] = {
 
 LINK_PARTS = ("inertial", "visual", "collision")
 JOINT_PARTS = ("origin", "parent", "child", "axis", "limit", "mimic")
-Triple = tuple[float, float, float]
+"""Elements of a <link> and of a <joint> that pbd reads."""
+
 SOLIDS = ("box", "cylinder", "sphere", "capsule", "mesh")
+"""Elements that a <geometry> may hold."""
+
+Triple = tuple[float, float, float]
 
 
 def read_xml(path: Path) -> ET.Element:

@@ -34,6 +34,7 @@ QUANTITIES: Mapping[str, tuple[str, ...]] = {
     "angle": ("roll", "pitch", "yaw", "heading"),
     "t": ("t",),
 }
+"""Quantity -> names of its columns."""
 
 ARDUINO_WRAP = 2.0**32
 """Default wrap of a t in ms or us: the value at which an Arduino's millis() and micros() restart from zero."""

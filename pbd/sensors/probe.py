@@ -30,6 +30,8 @@ NUMBER = re.compile(r"(?<![\w.])[-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?(?![\w.])"
 """A number in a line of text, as sketches print it."""
 
 BAUDS = tuple(dict.fromkeys(baud for name in GUESSED_PROTOCOLS for baud in PROTOCOLS[name].bauds))
+"""Baud rates that `probe` tries, in this order."""
+
 FIRST_BAUD = BAUDS[0]
 LONGEST_PROBE_S = BOOT_S + LISTEN_S * len(BAUDS)
 """Longest time that `probe` takes, s."""

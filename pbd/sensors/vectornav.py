@@ -31,8 +31,6 @@ LONGEST_LINE = 256
 YPR_LIMITS = 180.01, 90.01, 180.01
 """Largest yaw, pitch and roll, degrees."""
 
-# Number of values of a sentence, and the index at which yaw-pitch-roll, mag, acc and gyr begin. If the device is set to
-# add its status, that comes after the values and begins with a letter.
 SENTENCES: dict[bytes, tuple[int, dict[str, int]]] = {
     b"YMR": (12, {"ypr": 0, "mag": 3, "acc": 6, "gyr": 9}),
     b"MAR": (9, {"mag": 0, "acc": 3, "gyr": 6}),
@@ -41,8 +39,9 @@ SENTENCES: dict[bytes, tuple[int, dict[str, int]]] = {
     b"RRG,19": (3, {"gyr": 0}),
 }
 SENTENCES |= {b"RRG,27": SENTENCES[b"YMR"], b"RRG,20": SENTENCES[b"MAR"], b"RRG,54": SENTENCES[b"IMU"]}
+"""Header -> number of values, and the index at which yaw-pitch-roll, mag, acc and gyr begin. If the device is set to
+add its status, that comes after the values and begins with a letter."""
 
-# Bytes of each field, in the order of the bits, of the groups common, time, IMU, GPS, attitude, INS and GPS2.
 FIELD_BYTES = (
     (8, 8, 8, 12, 16, 12, 24, 12, 12, 24, 20, 28, 2, 4, 8),
     (8, 8, 8, 2, 8, 8, 8, 4, 4, 1),
@@ -52,7 +51,8 @@ FIELD_BYTES = (
     (2, 24, 24, 12, 12, 12, 12, 12, 12, 4, 4, 68, 64),
     (8, 8, 2, 1, 1, 24, 24, 12, 12, 12, 4, 4, 2, 28),
 )
-# (group, bit) -> quantities that are read. The rest of a field is skipped.
+"""Bytes of each field, in the order of the bits, of the groups common, time, IMU, GPS, attitude, INS and GPS2."""
+
 FIELDS_READ = {
     (0, 0): ("time",),
     (0, 3): ("ypr",),
@@ -71,6 +71,8 @@ FIELDS_READ = {
     (4, 1): ("ypr",),
     (4, 2): ("quat",),
 }
+"""(group, bit) -> quantities that are read. The rest of a field is skipped."""
+
 VALUE_FORMATS = {"time": ("Q", 1), "quat": ("4f", 4)}
 """Struct format and number of values of a quantity; the others are three floats."""
 

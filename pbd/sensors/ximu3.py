@@ -39,6 +39,7 @@ LIMITS = {
 some rounding; degrees and some rounding."""
 
 STUFFED_LF, STUFFED_ESC = b"\xdb\xdc", b"\xdb\xdd"
+"""What stands for the bytes 0x0A and 0xDB inside a binary message."""
 
 _TEXT = re.compile(rb"([IMQA]),(\d{1,20})((?:,[+-]?\d{1,9}(?:\.\d{1,9})?){3,6})\r?")
 _BINARY = {ord(letter) | 0x80: (letter, Struct(f"<xQ{len(n)}f")) for letter, n in LIMITS.items()}

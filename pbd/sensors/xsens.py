@@ -39,6 +39,8 @@ MAX_AGE_TICKS = TICKS_HZ // 5
 """Largest age of the field and the attitude that a sample gets: 0.2 s."""
 
 ENU, NED, NWU = 0x0, 0x4, 0x8
+"""Bits of an identifier that name the frame of an attitude."""
+
 _HEAD = Struct(">HB").unpack_from
 Unpack = Callable[[bytes, int], tuple[float, ...]]
 
@@ -80,7 +82,7 @@ def _attitude(read: Unpack, count: int, frame: int) -> Unpack:
 
 
 def _items() -> dict[int, tuple[str, int, Unpack]]:
-    """For each identifier: the quantity, the number of data bytes, and the function that reads them."""
+    """Return identifier -> the quantity, the number of data bytes, and the function that reads them."""
     items: dict[int, tuple[str, int, Unpack]] = {
         0x1020: ("counter", 2, Struct(">H").unpack_from),
         0x1060: ("ticks", 4, Struct(">I").unpack_from),

@@ -24,7 +24,7 @@ Z_UP = (-float(np.sqrt(0.5)), 0.0, 0.0, float(np.sqrt(0.5)))
 FEW_COLOURS = 8
 """Up to this number, each colour of a part is a material. More are vertex colours, which fewer programs show."""
 
-ARRAY, INDEX = 34962, 34963
+VERTEX_BUFFER, INDEX_BUFFER = 34962, 34963
 FLOAT, UINT16, UINT32, UINT8 = 5126, 5123, 5125, 5121
 """Numbers of the glTF standard for buffer targets and component types."""
 
@@ -114,20 +114,20 @@ class _Window:
 
     def _mesh(self, mesh: Mesh, opacity: float) -> int:
         """Index of a mesh with this shape and these colours; nodes with equal meshes share it."""
-        position = self._accessor(mesh.vertices, FLOAT, ARRAY, bounds=True)
-        attributes = {"POSITION": position, "NORMAL": self._accessor(_normals(mesh), FLOAT, ARRAY)}
+        position = self._accessor(mesh.vertices, FLOAT, VERTEX_BUFFER, bounds=True)
+        attributes = {"POSITION": position, "NORMAL": self._accessor(_normals(mesh), FLOAT, VERTEX_BUFFER)}
         colours, colour_of = np.unique(mesh.rgb, axis=0, return_inverse=True)
         few = len(colours) <= FEW_COLOURS
         if not few:
             vertices = np.column_stack((linear_light(mesh.rgb), np.full(len(mesh.rgb), 255)))
-            attributes["COLOR_0"] = self._accessor(vertices, UINT8, ARRAY)
+            attributes["COLOR_0"] = self._accessor(vertices, UINT8, VERTEX_BUFFER)
         colour_of_face = colour_of.ravel()[mesh.faces[:, 0]]
         groups = [mesh.faces[colour_of_face == i] for i in range(len(colours))] if few else [mesh.faces]
         index = UINT32 if len(mesh.grid) > 65535 else UINT16
         primitives = [
             {
                 "attributes": attributes,
-                "indices": self._accessor(faces.reshape(-1, 1), index, INDEX),
+                "indices": self._accessor(faces.reshape(-1, 1), index, INDEX_BUFFER),
                 "material": self._material(colour if few else None, opacity, mesh.closed),
             }
             for faces, colour in zip(groups, colours, strict=False)

@@ -25,14 +25,20 @@ class LivePath:
         self._changed: dict[str, Array] = {}
 
     def begin(self, t: float, p_nav_sensor: ArrayLike) -> None:
-        """Begin a move at a stop."""
+        """Begin a move at t s from a stop at p_nav_sensor (3,) m."""
         self._move += 1
         self._rows = [np.array((t, *np.asarray(p_nav_sensor), 0.0))]
         self._p, self._v, self._t = np.array(p_nav_sensor, dtype=np.float64), np.zeros(3), t
         self._current = np.tile(self._p, (2, 1))
 
     def grow(self, t: float, p_nav_sensor: Array, v_nav_sensor: Array) -> None:
-        """Extend the path to a point, once it is SPACING_M away, by a cubic with the given velocities at its ends."""
+        """Extend the path to a point, once it is SPACING_M away, by a cubic with the given velocities at its ends.
+
+        Args:
+            t: s.
+            p_nav_sensor: (3,) m.
+            v_nav_sensor: (3,) m/s.
+        """
         step = p_nav_sensor - self._p
         chord = float(np.linalg.norm(step))
         if chord < SPACING_M:
@@ -52,7 +58,7 @@ class LivePath:
         self._mark(max(first - 1, 0))
 
     def correct(self, t: float, p_nav_sensor: ArrayLike) -> None:
-        """End the move at a stop that began at t s, and begin the next one there.
+        """End the move at a stop that began at t s, at p_nav_sensor (3,) m, and begin the next one there.
 
         Dead reckoning missed that stop. Its error is removed as if the velocity error had grown linearly with time.
         """

@@ -48,13 +48,13 @@ def box(size: ArrayLike, rgb: ArrayLike) -> Mesh:
 
 
 def cylinder(radius: float, height: float, rgb: ArrayLike) -> Mesh:
-    """A cylinder along z, centred at the origin; radius and height in m."""
+    """A cylinder along z, centred at the origin; radius and height in m, rgb (3,) in 0..1."""
     z = 0.5 * height
     return _uniform(_revolved(((0.0, -z), (radius, -z), (radius, z), (0.0, z))), rgb)
 
 
 def sphere(radius: float, rgb: ArrayLike) -> Mesh:
-    """A sphere centred at the origin; radius in m."""
+    """A sphere centred at the origin; radius in m, rgb (3,) in 0..1."""
     return capsule(radius, 0.0, rgb)
 
 

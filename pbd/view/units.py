@@ -39,15 +39,15 @@ class Units:
         return {"deg": "°"}.get(self.angle, self.angle)
 
     def lengths(self, metres: ArrayLike, finer: int = 0) -> list[str]:
-        """Write lengths; `finer` adds decimals."""
+        """Write lengths (n,) m in the unit of length; `finer` adds decimals."""
         return self._format(metres, *LENGTHS[self.length], finer)
 
     def times(self, seconds: ArrayLike) -> list[str]:
-        """Write times."""
+        """Write times (n,) s in the unit of time."""
         return self._format(seconds, *TIMES[self.time])
 
     def angles(self, radians: ArrayLike) -> list[str]:
-        """Write angles."""
+        """Write angles (n,) rad in the unit of angle."""
         return self._format(radians, *ANGLES[self.angle])
 
     def _format(self, values: ArrayLike, factor: float, decimals: int, finer: int = 0) -> list[str]:

@@ -15,7 +15,11 @@ from pbd.simulation.emulator import Emulator
 from pbd.simulation.simulate import simulate
 
 BAUD = 115200
+"""Baud rate of the pseudo-terminal, which ignores it."""
+
 FIRST_TASK = "pour"
+"""Task of `--sensor sim`, which names none."""
+
 DEVICE = 0
 """Seed of the simulated device's errors."""
 

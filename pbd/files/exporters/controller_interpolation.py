@@ -15,6 +15,7 @@ from pbd.data import JointLimits, Samples
 from pbd.pose import Array
 
 Rule = Literal["cubic", "quintic", "hold", "trapezoid"]
+"""How a receiver moves between two points; see above."""
 
 LIMITS = "velocity", "acceleration", "jerk"
 
@@ -40,7 +41,15 @@ class Share:
 
 
 def set_point_samples(t: Array, q: Array, gripper: Array) -> Samples:
-    """Make samples of positions alone: velocities and accelerations are finite differences, starting at rest."""
+    """Make samples of set points, which have positions alone.
+
+    Velocities and accelerations are finite differences, starting at rest.
+
+    Args:
+        t: (n,) s.
+        q: (n, k) rad.
+        gripper: (n,) 0 closed to 1 open.
+    """
     dt = np.diff(t, prepend=2.0 * t[0] - t[1])[:, None]
     qd = np.diff(q, axis=0, prepend=q[:1]) / dt
     return Samples(t, q, qd, np.diff(qd, axis=0, prepend=0.0 * qd[:1]) / dt, gripper)

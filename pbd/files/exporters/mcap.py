@@ -32,6 +32,7 @@ LATCHED = (
 
 TRAJECTORY_TYPE = "trajectory_msgs/msg/JointTrajectory"
 TOOL, NAV, SENSOR = "pbd_tool", "nav", "sensor"
+"""Names of the frames that are not links of the URDF."""
 
 UNDATED_NS = 10**9
 """Start of the bag, ns, if the recording has no date. In ROS, zero means "now"."""

@@ -20,6 +20,8 @@ LEAST_GAP_S = 2e-5
 jerk of 3 rad/s3, and rounding to whole nanoseconds changes the jerk by 0.05 %."""
 
 DERIVATIVES = ("positions", "velocities", "accelerations")
+"""Fields of a JointTrajectoryPoint: rad, rad/s, rad/s2."""
+
 _LEAST_KNOT_DISTANCE = 0.25
 """Smallest distance of a sample to a knot, as a fraction of the samples' spacing; nearer samples are left out."""
 
