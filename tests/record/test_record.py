@@ -89,7 +89,7 @@ class Source:
         print(*sorted({name.split(".")[0] for name in sys.modules.keys() - self.loaded}))
 
 options = RecordOptions(Path(sys.argv[1]), "witmotion", "2026-01-02T03:04:05Z", duration_s=2.4)
-record(ByteSource, protocol("witmotion").decoder(), options, lambda: None, lambda status: None)
+record(Source, protocol("witmotion").decoder(), options, lambda: None, lambda status: None)
 """
 
 
