@@ -23,10 +23,6 @@ LEAST_TAKES = 3
 RAISED_SIGMAS = 2.0
 """How far the scatter is raised for the test, in sigmas of its logarithm: a few takes show the scatter inaccurately."""
 
-SUSPECT_RATIO = 1.25
-"""A take is tested if its median residual is at least this multiple of the median take's. The multiple must be below 2:
-an outlier among three takes draws the estimate a third of the way, so its residual is only twice the others'."""
-
 FIXED_SPREAD = 1e-3
 """Prior sigma of the logarithm of a scatter that is held fixed."""
 
@@ -67,7 +63,7 @@ def _outlying_keyframe(observations: Observations, joint: JointEstimate, takes: 
     if not len(tested):
         return None
     rows = 6 * tested[:, None] + np.arange(6)
-    worst = _worst(observations, joint, rows)
+    worst = int(np.argmax(joint.chi_squares(list(rows))))
     which = int(observations.take[tested[worst]]), int(observations.at[tested[worst]])
     rest = observations.subset(~_where(observations, *which))
     return which if _is_outlier(observations, joint, rest, rows[worst], len(tested)) else None
@@ -83,26 +79,14 @@ def outlying_take(observations: Observations, joint: JointEstimate) -> int | Non
     if len(takes) < LEAST_TAKES:
         return None
     weighted = joint.residuals.reshape(-1, 6) * np.repeat((1.0, TURN_LEVER_M), 3)  # m
-    off = np.array([np.median(lengths(weighted[observations.take == k])) for k in range(len(takes))])
-    worst = int(np.argmax(off))
-    if off[worst] < SUSPECT_RATIO * np.median(off):
-        return None
+    worst = int(np.argmax([np.median(lengths(weighted[observations.take == k])) for k in range(len(takes))]))
     # One keyframe that is off moves the take's nav, and so all its residuals: the take is tested without its worst.
     own = np.flatnonzero(observations.take == worst)
-    keyframe = _worst(observations, joint, 6 * own[:, None] + np.arange(6))
+    keyframe = int(np.argmax(joint.chi_squares(list(6 * own[:, None] + np.arange(6)))))
     tested = observations.subset(np.arange(len(observations.take)) != own[keyframe])
     rows = np.arange(tested.rows[worst].start, tested.rows[worst].stop)
     rest = tested.subset(tested.take != worst)
     return worst if _is_outlier(tested, joint, rest, rows, len(takes)) else None
-
-
-def _worst(observations: Observations, joint: JointEstimate, rows: NDArray[np.intp]) -> int:
-    """Return the index of the keyframe, one row of indices of residuals each, that fits a usual hand worst.
-
-    The estimated scatter can't show it: the dock has a scatter of its own, and an outlier there raises it.
-    """
-    usual = estimate_jointly(observations, joint.state, _held(common_scatter(len(joint.state.m))), iterations=1)
-    return int(np.argmax(usual.chi_squares(list(rows))))
 
 
 def _is_outlier(

@@ -77,7 +77,7 @@ def _longer_unit(step: float, source: SourceColumns) -> str:
     """Say what to do about samples that come `step` s apart, too soon for a sensor: the time is in a longer unit."""
     rates = {unit: source.time_factor / (UNITS["t"][unit] * step) for unit in ("0.1ms", "ms", "s", "day")}
     likely = [unit for unit, rate in rates.items() if SLOWEST_HZ < rate <= FASTEST_HZ]
-    if not likely or source.at_a_rate or source.time_unit_by == DATES:
+    if not likely or source.has_no_times or source.time_unit_by == DATES:
         return source.time_advice()
     options = " or ".join(f"--unit t={unit}" for unit in likely)
     return f"the time is likely in {' or '.join(likely).replace('day', 'days')}: import the file with {options}"
