@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pbd.calibration.rests import Rests, rms
 from pbd.data import LinearErrors
@@ -122,6 +123,20 @@ def _fit_well_turned(mag: Array, noise: float) -> tuple[Array, Array, float]:
     return centre, root / scale, 1.0 / scale
 
 
+def _jackknife(jacobian: Array, residuals: Array, place: NDArray[np.intp]) -> Array:
+    """Return the sigmas (p,) of least squares by how the estimate moves if each place in turn is left out.
+
+    The field differs from place to place, so all residuals (n,) of a place are off alike. Source: J. G. MacKinnon and
+    H. White, Some heteroskedasticity-consistent covariance matrix estimators, J. Econometrics 29, 1985.
+    `place` (n,) counts from 0; residuals of place -1 are never left out.
+    """
+    normal, moved = jacobian.T @ jacobian, []
+    for k in range(place.max() + 1):
+        own, off = jacobian[place == k], residuals[place == k]
+        moved.append(np.linalg.lstsq(normal - own.T @ own, own.T @ off)[0])
+    return np.asarray(np.sqrt(np.square(moved).sum(axis=0)))
+
+
 def fit_magnetometer(mag: Array, rests: Rests, up_sensor: Array, up_sigma: float = 0.0) -> MagnetometerFit:
     """Fit hard and soft iron: an ellipsoid first, then least squares of strength and dip.
 
@@ -144,7 +159,8 @@ def fit_magnetometer(mag: Array, rests: Rests, up_sensor: Array, up_sigma: float
 
     assert rests.mag is not None
     at_rest: Array = rests.mag
-    used = mag[np.linspace(0, len(mag) - 1, min(SAMPLES_USED, len(mag))).astype(np.intp)]
+    rows = np.linspace(0, len(mag) - 1, min(SAMPLES_USED, len(mag))).astype(np.intp)
+    used = mag[rows]
     noise = float(np.hypot(rests.mag_noise, FIELD_SIGMA_UT))
     centre, start, field = _fit_well_turned(used, noise)
     noise_at_rest = np.hypot(np.hypot(rests.mag_noise / np.sqrt(rests.samples), FIELD_SIGMA_UT), up_sigma * field)
@@ -170,7 +186,10 @@ def fit_magnetometer(mag: Array, rests: Rests, up_sensor: Array, up_sigma: float
     bias, matrix, vertical = unpack(result.x)
     if np.linalg.det(matrix) < LEAST_DETERMINANT:  # as beside a magnet
         raise CalibrationError(f"the field differs too much from rest to rest; {KEEP_AWAY}")
-    sigma = np.linalg.norm(np.linalg.pinv(np.asarray(result.jac)), axis=1)[:3]
+    jacobian, rest = np.asarray(result.jac), np.arange(len(at_rest))
+    of_used = np.searchsorted(rests.start[1:], rows, side="right")
+    jackknife = _jackknife(jacobian, result.fun, np.concatenate((of_used, rest, np.full(3, -1))))
+    sigma = np.maximum(np.linalg.norm(np.linalg.pinv(jacobian), axis=1), jackknife)[:3]
     dip = float(np.arcsin(np.clip(vertical / field, -1.0, 1.0)))
     strength = np.linalg.norm((used - bias) @ matrix.T, axis=1) / field
     each_dip = np.arcsin(np.clip(-vertical_part(bias, matrix) / field, -1.0, 1.0))

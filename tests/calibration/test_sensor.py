@@ -421,6 +421,20 @@ def test_a_field_that_differs_from_rest_to_rest_is_said(
     assert [line for line in fit.remarks if "headings will be wrong" in line]
 
 
+def test_the_sigma_of_hard_iron_grows_with_a_field_that_differs_from_rest_to_rest(
+    recording: Recording, rests: Rests, calibrated: SensorFit
+) -> None:
+    """All samples of a rest are off alike. As if they were independent, the sigma would be far below the error."""
+    clean, off = known(calibrated.errors.mag), []
+    for seed in range(6):
+        mag, rng = known(recording.mag).copy(), np.random.default_rng(seed)
+        for start, stop in zip(rests.start, rests.stop, strict=True):
+            mag[start - 50 : stop + 50] += rng.normal(size=3)
+        fit = known(calibrate_sensor(replace(recording, mag=mag), gravity=EARTH.gravity).errors.mag)
+        off.append((fit.bias - clean.bias) / fit.bias_sigma)
+    assert 0.5 < np.sqrt(np.mean(np.square(off))) < 1.5
+
+
 def test_a_magnet_that_the_sensor_is_turned_beside_leaves_the_magnetometer_out(
     recording: Recording, rests: Rests
 ) -> None:
