@@ -67,7 +67,7 @@ class Link:
         return self.now - max(self._reader.latest, self._resumed)
 
     def may_begin(self, ended: SensorError | None) -> bool:
-        """Whether the first samples, if any, are there.
+        """Whether the recording may begin: SILENT_S have passed, or the port was lost, and samples came.
 
         Raises:
             SensorError: what came is not this sensor's stream; or `ended`, the error that ended reading.
