@@ -9,7 +9,7 @@ import numpy as np
 from pbd.calibration.points import FEWEST_POINTS, MAY_BE_MIRRORED, MIRRORED, mirrored
 from pbd.calibration.registration import align
 from pbd.data.one_line_repr import counted
-from pbd.errors import CalibrationError, in_degrees, warn
+from pbd.errors import CalibrationError, in_degrees, listed, warn
 from pbd.pose import Array, Pose, lengths
 
 STOP_SIGMA_M = 0.005
@@ -80,10 +80,10 @@ def match_points(p_nav_tip: Array, sigma: Array, points: Array, in_order: bool, 
         if found and found[0].cost < min(rivals) - AMBIGUOUS_COST:
             exchanged = [k for k, stop in enumerate(sorted(stops)) if stop != stops[k]]
     if in_order and len(exchanged) != 2:
-        touched = tuple(range(m)) if n == m else best[0].stops if best else ()
-        _warn_of_other_orders(p_nav_tip, sigma, points, touched)
+        if touched := list(range(m)) if n == m else [*best[0].stops] if best else []:
+            _warn_of_other_orders(p_nav_tip[touched], sigma[touched], points)
         if n == m:
-            return touched
+            return tuple(touched)
     alike = []
     for check, mirror in MIRRORED.items():
         for other in _best_matches(p_nav_tip, sigma, points * mirror, in_order, free)[:1]:
@@ -123,15 +123,21 @@ def _elsewhere(match: _Match, others: list[_Match]) -> Iterator[_Match]:
             yield other
 
 
-def _warn_of_other_orders(p: Array, sigma: Array, points: Array, stops: tuple[int, ...]) -> None:
-    """Warn if the points fit these stops in another order as well, as the corners of a square do."""
-    touched = list(stops)
-    found = _best_matches(p[touched], sigma[touched], points, in_order=False, free=False) if touched else []
-    given = next((match for match in found if list(match.stops) == sorted(match.stops)), None)
-    if given is None or given.cost > OUTLIER_COST:
+def _warn_of_other_orders(p: Array, sigma: Array, points: Array) -> None:
+    """Warn if the points, touched in their order by stops (m, 3), fit in another order as well, as a square's corners.
+
+    Such a pose puts the two stops that are farthest apart on two points.
+    """
+    given = p, sigma, points, False
+    apart = lengths((p[:, None] - p[None])[..., :2])
+    ends = list(np.unravel_index(int(np.argmax(apart)), apart.shape))
+    poses = _hypotheses(p[ends], sigma[ends], points, in_order=False, free=False)
+    found = [_refined(_assign(pose, *given), *given, free=False) for pose in poses]
+    in_order = next((match for match in found if list(match.stops) == sorted(match.stops)), None)
+    if in_order is None or in_order.cost > OUTLIER_COST:
         return
-    if other := next(_elsewhere(given, found), None):
-        rows = ", ".join(f"{other.stops.index(k) + 1}" for k in range(len(points)))
+    if other := next(_elsewhere(in_order, found), None):
+        rows = listed(f"{other.stops.index(k) + 1}" for k in range(len(points)))
         warn(
             f"the points fit in another order too (rows {rows}), so a wrong order does not show; check it, or touch "
             "one more that breaks the symmetry"
@@ -171,7 +177,9 @@ def _assign(T_base_nav: Pose, p: Array, sigma: Array, points: Array, in_order: b
 
     square = ((T_base_nav.act(p)[:, None] - points[None]) ** 2).sum(axis=2) / sigma[:, None] ** 2
     cost = np.minimum(square, OUTLIER_COST) + 1e-6 * square  # beyond the cap, nearer stops still cost less
-    if in_order:
+    if in_order and len(p) == len(points):
+        stops = tuple(range(len(p)))
+    elif in_order:
         stops = _rows_in_order(cost)
     else:
         rows, columns = linear_sum_assignment(cost)
