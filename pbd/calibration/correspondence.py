@@ -80,10 +80,11 @@ def match_points(p_nav_tip: Array, sigma: Array, points: Array, in_order: bool, 
         if found and found[0].cost < min(rivals) - AMBIGUOUS_COST:
             exchanged = [k for k, stop in enumerate(sorted(stops)) if stop != stops[k]]
     if in_order and len(exchanged) != 2:
-        if touched := list(range(m)) if n == m else [*best[0].stops] if best else []:
+        if best:
+            touched = list(best[0].stops)
             _warn_of_other_orders(p_nav_tip[touched], sigma[touched], points)
         if n == m:
-            return tuple(touched)
+            return tuple(range(m))
     alike = []
     for check, mirror in MIRRORED.items():
         for other in _best_matches(p_nav_tip, sigma, points * mirror, in_order, free)[:1]:
