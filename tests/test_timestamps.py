@@ -167,6 +167,10 @@ def test_few_samples_are_counted_too() -> None:
     assert count_missing(np.array([0.0])) == 0
 
 
+def test_short_steps_beside_long_ones_make_up_for_no_loss_but_theirs() -> None:
+    assert count_missing(np.cumsum(np.tile((0.5, 1.5), 50)) / HZ) == 0
+
+
 def test_samples_without_a_time_are_counted_by_their_arrival() -> None:
     arrival = np.delete(np.arange(401), 200) / HZ
     _, clock = taken([None] * 400, arrival.tolist())
@@ -390,6 +394,11 @@ def test_a_late_packet_beside_a_repeated_reading_does_not_decide_for_good() -> N
     clock = clocked(np.cumsum(~repeated).tolist(), arrival)
     assert clock.straightened == pytest.approx(true, abs=1e-3)
     assert (clock.lost, clock.doubted) == (0, 0)
+
+
+@pytest.mark.parametrize("arrival", [[0.0], [0.0, 0.1], [0.0, 1e-6, 0.1]])
+def test_a_single_batch_tells_of_no_packets_that_came_twice(arrival: list[float]) -> None:
+    assert not came_twice(np.array(arrival), np.zeros(len(arrival), dtype=bool))
 
 
 @pytest.mark.parametrize("batch", [1, 20])

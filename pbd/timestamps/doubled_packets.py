@@ -30,11 +30,11 @@ def came_twice(arrival: Array, repeats: NDArray[np.bool_]) -> bool:
         return False
     steps = np.diff(arrival[new])
     ends = np.flatnonzero(steps > WITHIN_BATCH * steps.mean())
-    spans, counts = np.diff(arrival[new[ends]]), np.diff((new[ends], ends), axis=1)
-    usual = spans < LONG_SPANS * spans.mean() if len(spans) else np.zeros(0, dtype=bool)
-    spans, counts = spans[usual], counts[:, usual]
-    if not len(spans):
+    if len(ends) < 2:
         return False
+    spans, counts = np.diff(arrival[new[ends]]), np.diff((new[ends], ends), axis=1)
+    usual = spans < LONG_SPANS * spans.mean()
+    spans, counts = spans[usual], counts[:, usual]
     intervals = spans.sum() / counts.sum(axis=1)
     misfits = (spans - intervals[:, None] * counts) ** 2
     # Gaussian delays: the log-likelihood of each hypothesis is its misfit over twice the variance, that of repeats.

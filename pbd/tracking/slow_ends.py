@@ -31,7 +31,7 @@ def without_slow_ends(t: Array, spans: Spans, speed: Array, sharp: NDArray[np.bo
         if not sharp[first]:
             end = int(np.searchsorted(t, t[first] - _unnoticed_s(t[move], speed[move])))
         if not sharp[last - 1]:
-            back = slice(last - 1, first - 1 if first else None, -1)
+            back = slice(last - 1, first - 1, -1)
             begin = int(np.searchsorted(t, t[last - 1] + _unnoticed_s(t[back], speed[back]), side="right"))
         found[k] = found[k][0], max(end, (start + first) // 2 + 1)
         found[k + 1] = min(begin, (last + stop) // 2), stop

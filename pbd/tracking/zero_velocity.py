@@ -170,8 +170,8 @@ class QuietWindows:
 
 def _move_energy(energy: Array, n: int, dt: float) -> Array:
     """Largest energy (m,) within LULL_S of each window (n rows) that lasts longer than a jolt."""
-    reach = max(1, round(LULL_S / dt))
-    lasting = min(n + round(SHORTEST_MOVE_S / dt), 2 * reach)  # a jolt is in fewer windows
+    reach = round(LULL_S / dt)
+    lasting = n + round(SHORTEST_MOVE_S / dt)  # a jolt is in fewer windows
     least = -window_maxima(-np.pad(energy, reach), lasting)
     return window_maxima(least, 2 * reach + 2 - lasting)
 

@@ -408,6 +408,11 @@ def test_a_stop_is_announced_in_time_and_nothing_else_is(sensor: str, rate_hz: f
         assert max(event.announced_t - event.t for event in began(events)[1:]) <= LATEST_S
 
 
+def test_ten_samples_a_second_show_all_stops() -> None:
+    tracker, _ = fed(simulate("pour", "modern", 0, rate_hz=10.0).recording)
+    assert len(tracker.stops) == len(TASKS["pour"].waypoints)
+
+
 @uncalibrated
 def test_a_slow_hand_stops_where_it_does_and_nowhere_else() -> None:
     """Half-way, where acceleration is zero, a smooth move is as quiet as a rest."""

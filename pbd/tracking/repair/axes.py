@@ -256,7 +256,7 @@ def _find_remedy(
     off, best = float(as_it_is[used].max()), min(able)[0]
     if best > min(off / IMPROVEMENT, CONTRADICTION_DEG):
         return None
-    good = [fit for fit in able if fit[0] <= best + AS_GOOD_DEG and fit[1] > 0]
+    good = [fit for fit in able if fit[0] <= best + AS_GOOD_DEG]
     fewest = min(fit[1] for fit in good)
     named = [(channel, mapping) for _, causes, channel, mapping in good if causes == fewest]
     # Gravity and gyro together allow one mapping of the gyro, unless the hand turned about too few axes.
@@ -275,9 +275,7 @@ def _message(named: Sequence[tuple[str, AxisMapping]], sure: bool, source: Sourc
     message = "; or ".join(each)
     if len(each) > 1 or not sure:
         message += f" (the hand turned too little to {'tell which' if len(each) > 1 else 'be sure'})"
-    if any(
-        channel == "g" and mapping.signs == (-1, -1, -1) and mapping.order == (0, 1, 2) for channel, mapping in named
-    ):
+    if any(mapping.signs == (-1, -1, -1) and mapping.order == (0, 1, 2) for _, mapping in named):
         both = " ".join(source.column_option(f"{sensor}y", f"{sensor}y", reverse=True) for sensor in "ag")
         return f"both may have left-handed axes (then {both}; only left and right in the replay tell), or {message}"
     return message

@@ -85,7 +85,7 @@ def find_steady(acc: Array, gyr: Array, rate_hz: float) -> Steady:
 
     Without a rest there are none: neither g nor the gyro's bias is known.
     """
-    calm, half = max(2, round(SHORT_REST_S * rate_hz)), max(1, round(0.5 * STEADY_S * rate_hz))
+    calm, half = round(SHORT_REST_S * rate_hz), round(0.5 * STEADY_S * rate_hz)
     none = Steady(np.zeros(0, dtype=np.intp), np.zeros((0, 3)), np.zeros(0), np.zeros(3))
     if len(acc) < calm:
         return none
@@ -98,7 +98,7 @@ def find_steady(acc: Array, gyr: Array, rate_hz: float) -> Steady:
     g = float(np.linalg.norm(mean[quietest]))
     variance, mean = window_moments(acc, 2 * half)
     norm = np.linalg.norm(mean, axis=1)
-    steady = np.flatnonzero((np.abs(norm - g) < STEADY_ACC * g) & (variance < (STEADY_ACC * g) ** 2) & (norm > 0.0))
+    steady = np.flatnonzero((np.abs(norm - g) < STEADY_ACC * g) & (variance < (STEADY_ACC * g) ** 2))
     tilt_deg = np.where(variance[steady] > (QUIET_ACC / GRAVITY * g) ** 2, HIDDEN_TILT_DEG, 0.0)
     gyro_bias = gyr[quietest : quietest + calm].mean(axis=0)
     return Steady(steady + half, mean[steady] / norm[steady, None], tilt_deg, gyro_bias)
@@ -239,7 +239,7 @@ def _pairs(rows: NDArray[np.intp], rate_hz: float) -> tuple[NDArray[np.intp], ND
     """Pairs of steady moments to compare: indices of the first (k,) and of the second (k,)."""
     if len(rows) == 0:
         return rows, rows
-    _, starts = np.unique(rows // max(1, round(0.5 * STEADY_S * rate_hz)), return_index=True)
+    _, starts = np.unique(rows // round(0.5 * STEADY_S * rate_hz), return_index=True)
     second = np.searchsorted(rows, rows[starts, None] + rate_hz * np.array(PAIR_AFTER_S)).ravel()
     pairs = np.column_stack((np.repeat(starts, len(PAIR_AFTER_S)), second))[second < len(rows)]
     first, second = np.unique(pairs, axis=0).T

@@ -126,7 +126,7 @@ def _clipped_runs(x: Array, sensor: str, new: NDArray[np.bool_]) -> list[tuple[i
     if not flat and len(tops) < 2:
         return []  # sorting takes long
     between = np.diff(np.unique(x))
-    step = max(float(between[between > top * TOP_TOLERANCE].min(initial=np.inf)), top * TOP_TOLERANCE)
+    step = float(between[between > top * TOP_TOLERANCE].min(initial=np.inf))
     for start, stop, samples in flat:
         sides = x[max(start - SIDE_SAMPLES, 0) : start], x[stop : stop + SIDE_SAMPLES]
         fall = min((top - float(side.min()) for side in sides if len(side)), default=0.0)

@@ -152,7 +152,7 @@ def build_problem(
         np.zeros((len(rows), 3)) if no_gyro else mean_around(frame.gyr, rows, round(0.5 * BLOCK_S / dt)),
         _turn_sigma(frame, rows, same_stop, noise.still_turn),
         np.maximum(np.diff(borders), dt),
-        None if mag is None else _mean_field(frame, mag, rows, max(1, round(STOP_KNOT_S / dt))),
+        None if mag is None else _mean_field(frame, mag, rows, round(STOP_KNOT_S / dt)),
         no_gyro,
     )
 

@@ -200,7 +200,7 @@ def _initial_state(problem: Problem, prior: Prior, azimuth: float = 0.0) -> tupl
             off = -heading(quat_multiply(wxyz[first], problem.frame.wxyz[problem.rows[first]]))
         else:
             level = _first_field(problem, quat_to_matrix(wxyz))
-            strength = max(float(np.linalg.norm(level)), np.finfo(float).tiny)
+            strength = float(np.linalg.norm(level))
             dip = float(np.arctan2(level[2], np.hypot(level[0], level[1])))
             off = float(np.arctan2(level[0], level[1]))
         E = quat_to_matrix(quat_multiply(quat_about_z(off), wxyz))
@@ -239,5 +239,5 @@ def _at_new_knots(problem: Problem, x: State, path: SensorPath, revised: Problem
     """Interpolate an estimate at the knots of the revised problem."""
     rows = revised.rows
     E = quat_to_matrix(quat_multiply(path.wxyz[rows], quat_inverse(revised.frame.wxyz[rows])))
-    k = np.clip(np.searchsorted(problem.rows, rows), 0, len(problem.rows) - 1)
+    k = np.searchsorted(problem.rows, rows)
     return State(E, path.v[rows], path.p[rows], x.gyr_bias[k], x.acc_bias[k], x.shared)

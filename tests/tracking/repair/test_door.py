@@ -133,6 +133,13 @@ def test_a_hand_rests_beside_a_hole_where_a_tenth_of_a_second_on_either_hand_say
     assert [row for row in range(100) if refused(enough, row)] == [*range(30, 40), *range(45, 55)]
 
 
+@quietly
+def test_a_hole_before_the_first_stop_is_in_none() -> None:
+    recording = Recording(np.arange(100) / 100.0, np.tile((0.0, 0.0, 9.81), (100, 1)))
+    with pytest.raises(TrackingError, match="after row 0 .* while the hand moves"):
+        refuse_gaps((Gap(0, 30, 0.29),), recording, (Stop(40, 90, 0.49),), accept=False)
+
+
 @pytest.mark.parametrize(("row", "before", "after"), [(0, 0, 1), (5, 4, 6), (9, 8, 9)])
 def test_one_sample_without_data_is_a_gap_at_an_end_too(row: int, before: int, after: int) -> None:
     (gap,) = find_gaps(np.arange(10) / 10.0, np.arange(10) == row, 0.1)

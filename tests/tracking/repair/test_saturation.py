@@ -25,7 +25,7 @@ from tests.benchmarks.tracking import stride_errors
 from tests.benchmarks.trials import read_broad
 from tests.known import known
 from tests.near import assert_near
-from tests.scenarios import simulate, truth_at
+from tests.scenarios import simulate, truth_at, with_rows
 
 clipping = pytest.mark.filterwarnings("ignore:.*end of the range:pbd.errors.PbdWarning")
 
@@ -320,6 +320,14 @@ def test_a_clipped_turn_about_the_vertical_is_put_back_by_the_move_around_it() -
         sigmas += np.sqrt(path.cov[1:, 5, 5]).tolist()
     assert np.degrees(np.median(np.abs(off))) < 0.3
     assert np.mean(np.abs(off) < 2.0 * np.array(sigmas)) > 0.9
+
+
+@clipping
+def test_a_recording_that_ends_in_a_clip_is_tracked() -> None:
+    recording = simulate(fast(0), limited("modern", 150.0, 15.0), 0).recording
+    ended = with_rows(recording, slice(0, clips_of(recording)[-1].start + 3))
+    assert clips_of(ended)[-1].stop == len(ended)
+    assert len(track(ended).stops) == sum(stop.stop <= len(ended) for stop in track(recording).stops)
 
 
 @clipping

@@ -184,6 +184,11 @@ def test_a_rest_whose_noise_hardly_changes_the_norm_was_not_divided_by_it() -> N
     refuse_dead(Recording(np.arange(300) / 100.0, acc))
 
 
+def test_a_sensor_without_noise_that_turns_on_the_spot_was_not_divided_by_its_norm() -> None:
+    angle = np.arange(300) / 100.0
+    refuse_dead(Recording(angle, GRAVITY * np.column_stack((np.sin(angle), np.zeros(300), np.cos(angle)))))
+
+
 def test_a_sensor_without_noise_is_not_dead() -> None:
     """It never changes at rest, and an axis without motion never changes."""
     along_z = random_task(0, moves=2, max_turn=0.0)

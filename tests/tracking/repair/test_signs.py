@@ -32,7 +32,7 @@ from pbd.tracking.repair.gyro_consistency import (
     warn_upside_down,
 )
 from tests.known import known
-from tests.scenarios import simulate
+from tests.scenarios import simulate, with_rows
 
 WITH_ATTITUDE = ("os5000", "os5000-nogyro", "wt901", "modern")
 
@@ -82,6 +82,19 @@ def test_a_level_axis_is_the_gyros_to_tell_where_there_is_one() -> None:
     refuse_flipped_signs(recording)
     with pytest.raises(RecordingError, match=r"the accelerometer's y has the wrong sign: .* with --column ay=-ay$"):
         refuse_flipped_signs(replace(recording, gyr=None))
+
+
+@pytest.mark.parametrize(("acc_deg", "attitude_deg"), [(-4.0, 4.0), (0.0, 40.0)])
+def test_a_small_tilt_or_one_that_no_sign_explains_is_no_wrong_sign(acc_deg: float, attitude_deg: float) -> None:
+    """If y had the other sign, the first would be none at all."""
+    rolls = np.radians((acc_deg, attitude_deg))
+    acc, rpy = GRAVITY * up_in_sensor(quat_from_rpy((rolls[0], 0.0, 0.0))), (rolls[1], 0.0, 0.0)
+    at_rest = Recording(np.arange(100) / 100.0, np.tile(acc, (100, 1)), device_rpy=np.tile(rpy, (100, 1)))
+    refuse_flipped_signs(at_rest)
+
+
+def test_nothing_is_said_of_less_than_half_a_second() -> None:
+    refuse_disagreement(with_rows(simulate("pour", "modern", 0).recording, slice(0, 40)))
 
 
 @settings(max_examples=40, deadline=None)

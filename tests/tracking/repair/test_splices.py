@@ -114,6 +114,15 @@ def test_a_wild_row_is_farther_away_than_a_hand_moves_in_a_row(
     assert (mended is spoilt) != is_wild
 
 
+def test_without_a_gyro_no_wild_row_is_a_knock() -> None:
+    recording = pour("os5000-nogyro", 1).recording
+    acc = recording.acc.copy()
+    acc[100, 0] += 40.0
+    with pytest.warns(PbdWarning, match="^1 impossible sample left out"):
+        mended = without_wild(replace(recording, acc=acc))
+    np.testing.assert_allclose(mended.acc, recording.acc, atol=0.5)
+
+
 @pytest.mark.parametrize(
     ("push", "late", "shake", "is_knock"),
     [

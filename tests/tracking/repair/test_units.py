@@ -46,5 +46,11 @@ def test_a_gyros_counts_are_named_as_such(tmp_path: Path, of_acc: bool) -> None:
     with pytest.raises(RecordingError, match=rf"gx, gy, gz .* up to 11790: they are likely raw counts.*{also}"):
         refuse_other_units(imported(tmp_path, acc, gyr, mag, {}))
     refuse_other_units(imported(tmp_path, acc, gyr, mag, {"gyr": f"{1.0 / PER_DEG_S}deg/s"}))
+    refuse_other_units(imported(tmp_path, acc, gyr, mag, {"gyr": "rad/s"}))  # a person's word
     refuse_other_units(imported(tmp_path, acc, gyr + 0.5, mag, {}))  # no count is a fraction
     refuse_other_units(imported(tmp_path, acc, np.rint(gyr / 200.0), mag, {}))  # a gyro may turn at 59 rad/s
+
+
+def test_a_field_of_zeros_has_no_unit(tmp_path: Path) -> None:
+    acc, none = np.tile((0.0, 0.0, GRAVITY), (3, 1)), np.zeros((3, 3))
+    refuse_other_units(imported(tmp_path, acc, none, none, {}))
