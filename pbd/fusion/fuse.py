@@ -30,7 +30,7 @@ def fused_path(demo: Demonstration, method: str, calibration: Calibration | None
     if method != "default":
         raise TrackingError(f"takes are fused by the default method only; track one of them with --method {method}")
     for one, other in combinations([take.recording for take in demo.takes], 2):
-        if np.array_equal(one.t, other.t) and np.array_equal(one.acc, other.acc, equal_nan=True):
+        if np.array_equal(one.acc, other.acc, equal_nan=True):
             where = "" if demo.folder is None else f"{demo.folder / 'demo.toml'}: "
             what = f"{where}'{other.info.name}' is the same recording as '{one.info.name}'"
             raise RecordingError(f"{what}; name each take once")

@@ -80,7 +80,7 @@ def refuse_other_tasks(takes: Sequence[Take], alignment: Alignment) -> None:
     Raises:
         TrackingError: names two takes of different tasks.
     """
-    if 2 * len(alignment.registered) > len(takes) and len(alignment.registered) > 1:
+    if 2 * len(alignment.registered) > len(takes):
         return
     reference = next(iter(alignment.registered))
     other = takes[alignment.strangers[0]]

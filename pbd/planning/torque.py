@@ -66,7 +66,7 @@ def _fitting_speed(speed: float, share_at: Callable[[float], float]) -> float | 
     """Find the highest speed, in whole percent, at which torques are within the limits."""
     if share_at(0.0) > 1.0:
         return None
-    slower = range(1, max(1, round(100.0 * speed)))
+    slower = range(1, round(100.0 * speed))
     return bisect_left(slower, True, key=lambda percent: share_at(percent / 100) > 1.0) / 100 or None
 
 

@@ -101,7 +101,7 @@ class TapDetector:
                 shock.loud = t
                 if size > shock.size:
                     shock.size, shock.along_z = size, off[2]
-            elif len(self._shocks) == 1 and t - shock.loud > QUIET_S and since <= TOGETHER_S and shock.is_tap:
+            elif len(self._shocks) == 1 and t - shock.loud > QUIET_S and shock.is_tap:
                 self._shocks.append(_Shock(t, t, size, off[2]))
             else:
                 self._start_over()

@@ -151,21 +151,13 @@ class QuietWindows:
     def __init__(self, rest: Rest, least: int) -> None:
         """Begin; a hand must be held still for `least` windows to count as trembling."""
         self._limits, self._least = quiet_limits(rest), least
-        self._in_a_row = 0  # quiet windows
-        # Both count (quiet windows, all windows): since the hand is held; since then or its last rest, the later.
-        self._held = self._since_rest = (0, 0)
+        self._held = (0, 0)  # quiet windows and all windows since the hand is held
 
     def take(self, energy: Energies) -> bool:
         """Take the energies (scalars) of the next window; return whether it is quiet."""
         quiet, held = bool(_quiet(energy, self._limits)), bool(_held(energy))
-        self._in_a_row = quiet * (self._in_a_row + 1)
-        self._held, self._since_rest = (
-            (held * (of[0] + quiet), held * (of[1] + 1)) for of in (self._held, self._since_rest)
-        )
-        if self._in_a_row >= self._least:
-            self._since_rest = (0, 0)
-        after_rest = AFTER_REST_FACTOR * self._least
-        return quiet or _trembles(*self._held, self._least) or _trembles(*self._since_rest, after_rest)
+        self._held = held * (self._held[0] + quiet), held * (self._held[1] + 1)
+        return quiet or _trembles(*self._held, self._least)
 
 
 def _move_energy(energy: Array, n: int, dt: float) -> Array:

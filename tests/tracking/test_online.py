@@ -408,6 +408,12 @@ def test_a_stop_is_announced_in_time_and_nothing_else_is(sensor: str, rate_hz: f
         assert max(event.announced_t - event.t for event in began(events)[1:]) <= LATEST_S
 
 
+def test_a_hand_that_comes_back_to_its_place_makes_another_stop() -> None:
+    away, back = Waypoint((0.1, 0.0, 0.0), move_s=0.8, rest_s=0.0), Waypoint(move_s=0.8, rest_s=1.0)
+    tracker, _ = fed(simulate(Task("back", (Waypoint(rest_s=2.0), away, back)), "ideal", 0).recording)
+    assert len(tracker.stops) == 2
+
+
 def test_ten_samples_a_second_show_all_stops() -> None:
     tracker, _ = fed(simulate("pour", "modern", 0, rate_hz=10.0).recording)
     assert len(tracker.stops) == len(TASKS["pour"].waypoints)

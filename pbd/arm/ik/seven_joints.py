@@ -114,7 +114,7 @@ def _solutions(arm: ArmModel, axes: Sequence[Axis], R: Array, from_last: Array, 
     found = wrap_to_limits(arm, np.stack(np.broadcast_arrays(q1, q2, q3, q4, q5, q6, q7), axis=-1))
     excess = -arm.limit_margins(found).min(axis=-1)
     off = np.maximum(np.maximum(excess, short2), np.maximum(short4, short6))
-    return found.reshape(8, -1, 7), np.maximum(off, 0.0).reshape(8, -1)
+    return found.reshape(8, -1, 7), off.reshape(8, -1)
 
 
 def _last_joint_angles(arm: ArmModel, axes: Sequence[Axis], to_shoulder: Array, to_wrist: Array) -> Array:

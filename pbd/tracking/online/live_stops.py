@@ -92,7 +92,6 @@ class LiveHand:
         self._trial: StopTrial | None = None
         self._trial_filter: ErrorStateFilter | None = None
         self._peak = 0.0  # m/s2, largest acceleration of a block since the hand stood still
-        self._away = np.zeros(2)  # m and rad, largest distance from the last stop since the hand left it
         self._t_knot, self._t_compass = samples[0].t, samples[0].t
         fields = [sample.mag for sample in samples if sample.mag is not None]
         self._field: list[Array] | None = [] if fields else None
@@ -131,8 +130,6 @@ class LiveHand:
         self._angles.append((sample.t, self._angles[-1][1] + leg.angle))
         for each in self._filters():
             each.propagate(leg)
-        if self._stop is None:
-            self._away = np.maximum(self._away, self._past_stops[-1].pose.distance(self._filter.pose()[0]))
         events = (
             self._look_for_stop(sample, quiet) if self._stop is None else self._continue_stop(self._stop, sample, quiet)
         )
@@ -218,7 +215,7 @@ class LiveHand:
         elif sample.t - stop.last.t > SHORTEST_MOVE_S + ENERGY_WINDOW_S:
             self._past_stops.append(stop)
             self._filter = self._filter if self._settled else ahead
-            self._stop, self._trial_filter, self._away = None, None, np.zeros(2)
+            self._stop = self._trial_filter = None
             return [StopEnded(len(self._past_stops) - 1, stop.last.t, stop.keyframe)]
         return []
 
@@ -265,9 +262,8 @@ class LiveHand:
         short_gap = (gap := first.t - before.last.t) < BOUNCE_S
         # Both ends of a knock are seen up to a block too far away from it.
         knocked = gap < BOUNCE_S + 2.0 * BLOCK_S and is_where_it_was(self._noise, moved, turned)
-        stayed = knocked or is_where_it_was(self._noise, *self._away)
-        bounced = short_gap and len(self._past_stops) > 1 and before.last.t - before.first.t < BOUNCE_S
-        if (trial.jolted or stayed or bounced) and moved < BOUNCE_M and turned < BOUNCE_RAD:
+        bounced = short_gap and before.last.t - before.first.t < BOUNCE_S
+        if (trial.jolted or knocked or bounced) and moved < BOUNCE_M and turned < BOUNCE_RAD:
             self._past_stops.pop()
             first = first if bounced else before.first
         if self._strapdown.clipped:

@@ -66,7 +66,7 @@ class Strapdown:
         self.noise = noise
         self._interval, self._bias, self._no_gyro = interval, gyro_bias, no_gyro
         self.block = max(1, round(BLOCK_S / interval))
-        self.C: Array = np.eye(3) if first.device_rpy is None or not no_gyro else _device_attitude(first)
+        self.C: Array = _device_attitude(first) if no_gyro else np.eye(3)
         self.rate = first.gyr - gyro_bias
         self._acc, self._t = first.acc, first.t
         self._before = self.rate

@@ -174,7 +174,7 @@ def _fix_sway(legs: Legs, C: Array, stop: NDArray[np.intp]) -> None:
     gained = (C.transpose(0, 2, 1) @ legs.dU[within, :, None])[:, :, 0]
     total = np.zeros((stop.max(initial=-1) + 1, 4))
     np.add.at(total, stop, np.column_stack((gained, T[:, 0])))
-    force = total[stop, :3] / np.maximum(total[stop, 3:], np.finfo(float).tiny)
+    force = total[stop, :3] / total[stop, 3:]
     by_matrix = -T * C[:, :, i] * force[:, None, j]
     legs.J[within, :, GYR_MATRIX] = 0.0
     legs.J[within, VEL, ACC_MATRIX], legs.J[within, POS, ACC_MATRIX] = by_matrix, 0.5 * T * by_matrix

@@ -273,9 +273,9 @@ def _add_lost_motion(Q: Array, frame: GyroFrame, rows: Rows, lost_motion: Sequen
     if not lost_motion:
         return
     at = np.array([impulse.row for impulse in lost_motion])
-    k = np.clip(np.searchsorted(rows, at, side="right") - 1, 0, len(rows) - 2)
+    k = np.minimum(np.searchsorted(rows, at, side="right") - 1, len(rows) - 2)
     end = rows[k + 1]
-    at = np.clip(at, rows[k], end)
+    at = np.minimum(at, end)
     to_end = (frame.t[end] - frame.t[at])[:, None]
     wxyz = frame.wxyz[at]
     turn = quat_rotate(wxyz, np.array([impulse.turn for impulse in lost_motion]))

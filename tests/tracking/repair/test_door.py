@@ -133,10 +133,15 @@ def test_a_hand_rests_beside_a_hole_where_a_tenth_of_a_second_on_either_hand_say
     assert [row for row in range(100) if refused(enough, row)] == [*range(30, 40), *range(45, 55)]
 
 
+def test_a_short_hole_at_the_end_of_a_rest_hides_nothing() -> None:
+    recording = Recording(np.arange(100) / 100.0, np.tile((0.0, 0.0, 9.81), (100, 1)))
+    refuse_gaps((Gap(89, 99, 0.1),), recording, (Stop(40, 100, 0.59),), accept=False)
+
+
 @quietly
 def test_a_hole_before_the_first_stop_is_in_none() -> None:
     recording = Recording(np.arange(100) / 100.0, np.tile((0.0, 0.0, 9.81), (100, 1)))
-    with pytest.raises(TrackingError, match="after row 0 .* while the hand moves"):
+    with pytest.raises(TrackingError, match=r"after row 0 .* while the hand moves"):
         refuse_gaps((Gap(0, 30, 0.29),), recording, (Stop(40, 90, 0.49),), accept=False)
 
 
