@@ -32,6 +32,7 @@ from pbd.errors import PbdError, PbdWarning, PlanError, TrackingError, UsageErro
 from pbd.files.demo import load_demo
 from pbd.planning import Plan, PlanOptions, arm_of, plan_keyframes, source_of
 from pbd.planning.object_frames import ThingPlace
+from pbd.planning.options import SHORTEST_DWELL_S, dwells
 from pbd.planning.plan import _tracked_with
 from pbd.planning.preconditions import check_certainty
 from pbd.pose import Array, Pose, quat_exp
@@ -233,6 +234,12 @@ def test_dwells() -> None:
     left = plan.trajectory.at(plan.trajectory.keyframe_t[1:-1] + 0.21).qd
     assert all(np.abs(qd).max() > 0.0 for qd, k in zip(left, keyframes[1:-1], strict=True) if k.grip is None)
     assert sum(k.grip is None for k in keyframes[1:-1]) > 1
+
+
+def test_at_a_stop_without_a_length_the_arm_stays_too() -> None:
+    _, _, keyframes = tracked("paper-test1")
+    at_once = [replace(keyframe, dwell_s=0.0) for keyframe in keyframes[:3]]
+    assert dwells(at_once, PlanOptions()) == [0.0, SHORTEST_DWELL_S, 0.0]
 
 
 # --- starts and ends --------------------------------------------------------------------------------------------------

@@ -148,7 +148,9 @@ Alter = Callable[[JointTrajectory], JointTrajectory]
         (lambda t: altered(t, 4, 3, np.nan), "the trajectory contains a number that is not finite"),
         (lambda t: replace(t, knots=t.knots + 0.1), "the trajectory's segments do not join up from t = 0"),
         (lambda t: replace(t, knots=np.sort(t.knots)[::-1] * 1.0), "the trajectory's segments do not join up"),
+        (lambda t: replace(t, knots=np.append(0.0, t.knots[:-1])), "the trajectory's segments do not join up"),
         (lambda t: replace(t, gripper_opening=t.gripper_opening * 1.1), "the gripper's times decrease, or its opening"),
+        (lambda t: replace(t, gripper_opening=-0.1 * t.gripper_opening), "the gripper's times decrease, or its"),
         (
             lambda t: replace(t, gripper_t=t.gripper_t[::-1]),
             "the gripper's times decrease, or its opening is outside 0",

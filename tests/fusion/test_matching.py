@@ -52,6 +52,12 @@ def test_a_keyframe_of_most_takes_is_kept_even_if_the_first_lacks_it() -> None:
     assert len(found.kept()[1]) == 7
 
 
+def test_a_take_that_begins_elsewhere_is_of_another_task() -> None:
+    here = keyframes()
+    there = Keyframes(here.p + (np.arange(7) == 0)[:, None] * (0.3, 0.0, 0.0), here.R, here.grip, here.sigma)
+    assert align_takes([here, there]).strangers == (1,)
+
+
 def test_a_keyframe_of_few_takes_is_left_out() -> None:
     task = keyframes()
     found = align_takes([task, subset(task, [0, 1, 2, 4, 5, 6]), subset(task, [0, 1, 2, 4, 5, 6])])

@@ -545,6 +545,14 @@ def test_a_knock_after_which_the_hand_is_where_it_was_divides_no_stop(sensor: st
     assert len(fed(demo.recording)[0].stops) == 3
 
 
+def test_rows_without_numbers_before_the_first_sample_are_left_out() -> None:
+    tracker, none = LiveTracker(), (np.nan, np.nan, np.nan)
+    assert [event for k in range(3) for event in tracker.feed(0.01 * k, none, none)] == []
+    for k in range(3, 400):
+        tracker.feed(0.01 * k, (0.0, 0.0, GRAVITY), (0.0, 0.0, 0.0))
+    assert len(tracker.stops) == 1
+
+
 @pytest.mark.parametrize("device_rpy", [None, (0.1, 0.2, 0.3)])
 def test_a_gyro_that_falls_silent_is_reported_once(device_rpy: tuple[float, float, float] | None) -> None:
     """Its rows are left out; with the device's attitude beside they were read as a gyro that reads zero."""

@@ -86,6 +86,11 @@ def test_a_knock_from_the_side_makes_no_pair_with_a_tap_though_one_sample_shows_
     assert sum(detector.feed(*row) is not None for row in zip(t.tolist(), acc.tolist(), strict=True)) == found
 
 
+def test_a_tap_makes_no_pair_with_a_knock_from_the_side() -> None:
+    recording = tapped(tapped(held(200.0), [(2.0, 40.0)]), [(2.25, 25.0)], lean=1.5)
+    assert grip_by_taps(recording) == ()
+
+
 @pytest.mark.parametrize("task", TASKS)
 def test_none_is_found_in_simulated_demonstrations(task: str) -> None:
     for model, rate_hz in (("phone", 100.0), ("phone", 400.0), ("wt901", 200.0)):

@@ -357,6 +357,13 @@ def test_the_unit_of_the_gyro_is_named(per_rad: float, advice: str) -> None:
     assert found.message.endswith(f"; import the file with --unit gyr={advice}")
 
 
+@pytest.mark.parametrize(("factor", "told"), [(1.4, False), (1.6, True), (1.0 / 1.4, False), (1.0 / 1.6, True)])
+def test_a_gyro_that_turns_half_as_far_again_may_have_been_cut_off(factor: float, told: bool) -> None:
+    turns = np.random.default_rng(0).uniform(-1.5, 1.5, (20, 3))
+    found = found_by_gravity(directions(20), turns, factor * turns)
+    assert ["times as far" in each.message for each in (found,) if each] == [True] * told
+
+
 @pytest.mark.parametrize(("turned", "told"), [(2, False), (3, True)])
 def test_of_two_turns_no_unit_is_told(turned: int, told: bool) -> None:
     turns = np.array([[0.5, 0.0, 0.0], [0.0, 0.7, 0.0], [-0.6, 0.4, 0.0]])[:turned]
