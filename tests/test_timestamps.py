@@ -11,7 +11,7 @@ from pbd.pose import Array
 from pbd.timestamps.doubled_packets import came_twice
 from pbd.timestamps.sample_clock import SampleClock, count_missing
 from pbd.timestamps.stamper import Stamper
-from pbd.timestamps.straighten import straighten
+from pbd.timestamps.straighten import _drift, straighten
 
 HZ = 100.0
 
@@ -165,6 +165,12 @@ def test_a_clock_in_whole_milliseconds_loses_nothing() -> None:
 def test_few_samples_are_counted_too() -> None:
     assert count_missing(np.array([0.0, 0.01, 0.02, 0.05, 0.06])) == 2
     assert count_missing(np.array([0.0])) == 0
+
+
+@pytest.mark.parametrize(("slower", "follows"), [(0.15, True), (-0.15, True), (0.25, False), (-0.25, False)])
+def test_a_rate_drifts_by_no_more_than_a_fifth(slower: float, follows: bool) -> None:
+    late = slower / HZ * np.maximum(np.arange(4000.0) - 2000.0, 0.0)
+    assert np.ptp(_drift(late, 50, 1.0 / HZ)) == pytest.approx(np.ptp(late) * follows, rel=0.05)
 
 
 def test_short_steps_beside_long_ones_make_up_for_no_loss_but_theirs() -> None:
