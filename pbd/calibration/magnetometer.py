@@ -187,8 +187,10 @@ def fit_magnetometer(mag: Array, rests: Rests, up_sensor: Array, up_sigma: float
     if np.linalg.det(matrix) < LEAST_DETERMINANT:  # as beside a magnet
         raise CalibrationError(f"the field differs too much from rest to rest; {KEEP_AWAY}")
     jacobian, rest = np.asarray(result.jac), np.arange(len(at_rest))
-    of_used = np.searchsorted(rests.start[1:], rows, side="right")
-    jackknife = _jackknife(jacobian, result.fun, np.concatenate((of_used, rest, np.full(3, -1))))
+    nearest = np.searchsorted(0.5 * (rests.stop[:-1] + rests.start[1:]), rows)  # in a move the field changes gradually
+    # scipy scales the Jacobian's rows for the robust loss, but returns the residuals as they are
+    scaled = result.fun * (1.0 + (result.fun / ROBUST_SIGMAS) ** 2) ** 0.25
+    jackknife = _jackknife(jacobian, scaled, np.concatenate((nearest, rest, np.full(3, -1))))
     sigma = np.maximum(np.linalg.norm(np.linalg.pinv(jacobian), axis=1), jackknife)[:3]
     dip = float(np.arcsin(np.clip(vertical / field, -1.0, 1.0)))
     strength = np.linalg.norm((used - bias) @ matrix.T, axis=1) / field
