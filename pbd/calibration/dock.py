@@ -12,7 +12,7 @@ from pbd.calibration.uncertainty import tool_covariances
 from pbd.data import Calibration, HandPath, Keyframe
 from pbd.data.calibration import DOCK_SIGMA_M
 from pbd.errors import CalibrationError, UsageError, in_degrees, warn
-from pbd.pose import Array, Pose, lengths, level_onto, quat_inverse, quat_rotate
+from pbd.pose import Array, Pose, lengths, level_onto, quat_inverse, quat_rotate, yaw_toward
 
 TILT_WARNING_DEG, UPSIDE_DOWN_DEG = 5.0, 150.0
 """Angles, degrees, between the declared and the measured vertical, above which there is a warning, or an error."""
@@ -82,10 +82,18 @@ def nav_in_base(calibration: Calibration, wxyz_nav_sensor: Array) -> Pose:
     return level_onto(Pose(np.zeros(3), wxyz_nav_sensor), dock)
 
 
+def sensor_heading(wxyz_nav_sensor: Array) -> float:
+    """Return the angle, rad, about nav's vertical by which the sensor is turned from nav's axes."""
+    return yaw_toward(np.array([1.0, 0.0, 0.0, 0.0]), wxyz_nav_sensor)
+
+
 def with_heading_sigma(path: HandPath, calibration: Calibration) -> Calibration:
-    """Return the calibration, with its [nav]'s heading as uncertain as a change of the magnetic field makes it.
+    """Return the calibration, with its [nav]'s heading as uncertain as magnetic north makes it.
 
     If the field at the path's first rest differs from the field in which [nav] was registered, the heading is turned.
+    So it is by an error of the tilt there, by the tangent of the dip times that error (M. J. Caruso, Applications of
+    magnetic sensors for low cost compass systems, PLANS 2000). The error turns with the sensor; [nav] has it as it was
+    at its own first rest. If the sensor's heading differs by h between the two, 2 sin(h / 2) times the error is left.
 
     Raises:
         CalibrationError: nav of the calibration and nav of the path count their heading from different directions: one
@@ -123,7 +131,10 @@ def with_heading_sigma(path: HandPath, calibration: Calibration) -> Calibration:
             bound=DISTURBED_HEADING,
         )
     cov = calibration.cov_start.copy()
-    cov[5, 5] += sigma**2
+    wxyz, tilt = path.wxyz_nav_sensor[(path.stops[0].start + path.stops[0].stop) // 2], path.cov[0, 3:5, 3:5]
+    turned = sensor_heading(wxyz) - np.radians(fit.get("nav.sensor_heading_deg", np.nan))
+    of_tilt = 2.0 * np.sin(0.5 * np.nan_to_num(turned)) * up_now / level_now
+    cov[5, 5] += sigma**2 + of_tilt**2 * float(np.trace(tilt)) / 2.0
     return replace(calibration, cov_base=cov)
 
 

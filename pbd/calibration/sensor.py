@@ -13,7 +13,7 @@ from pbd.calibration.magnetometer import MagnetometerFit, fit_magnetometer
 from pbd.calibration.rests import Rests, find_rests
 from pbd.data import GRAVITY, Recording, SensorErrors
 from pbd.data.one_line_repr import counted
-from pbd.data.units import GRAVITY_ON_EARTH, MG
+from pbd.data.units import GRAVITY_ON_EARTH, GRAVITY_SIGMA, MG
 from pbd.errors import CalibrationError, UsageError, amount, in_degrees, require_kind
 from pbd.pose import Array
 
@@ -56,7 +56,7 @@ class SensorFit:
 def calibrate_sensor(
     recording: Recording,
     *,
-    gravity: float = GRAVITY,
+    gravity: float | None = None,
     only: Collection[str] = (),
     known: SensorErrors | None = None,
     temperature_c: float | None = None,
@@ -65,7 +65,7 @@ def calibrate_sensor(
 
     Args:
         recording: without NaN, of a sensor that is put down in several orientations.
-        gravity: m/s2, local gravity.
+        gravity: m/s2, local gravity; None: it is unknown, GRAVITY to GRAVITY_SIGMA.
         only: those of gyr, acc, mag to fit, which must succeed. Empty: all that the sensor has; then a magnetometer
             that was not turned far enough is left out with a remark.
         known: earlier errors of the same sensor. Those that are not fitted now are kept.
@@ -77,6 +77,7 @@ def calibrate_sensor(
         UsageError: `only` names something else, or gravity is none on Earth.
         WrongTypeError: `recording` is no Recording.
     """
+    gravity, unknown = (GRAVITY, GRAVITY_SIGMA) if gravity is None else (gravity, 0.0)
     _refuse_arguments(recording, gravity, only)
     wanted = only or KINDS
     known = SensorErrors(recording.info.sensor) if known is None else known
@@ -107,6 +108,9 @@ def calibrate_sensor(
             if "mag" in only:
                 raise
             left_out = f"the magnetometer is left out: {reason}"
+    if acc is not None:  # an error of gravity scales all axes alike: the vertical's direction does not show it
+        matrix_sigma = float(np.hypot(acc.linear.matrix_sigma, unknown / gravity))
+        errors = replace(errors, acc=replace(acc.linear, matrix_sigma=matrix_sigma))
     remarks = (*_remarks_on_rests(rests), *_remarks_on_acc(recording, rests, acc), *_remarks_on_mag(mag), left_out)
     return SensorFit(errors, rests, acc, mag, tuple(filter(None, remarks)))
 

@@ -9,6 +9,9 @@ from pbd.io.numbers import DAY_S, HOUR_S
 GRAVITY = 9.80665
 """Standard gravity, m/s2: a sensor's unit "g". Tracking estimates the local gravity at rest."""
 
+GRAVITY_SIGMA = 0.02
+"""How much gravity varies over the inhabited earth, m/s2: from 9.780 at the equator to 9.819 at 60 degrees (WGS 84)."""
+
 GRAVITY_ON_EARTH = (9.7, 9.9)
 """Lowest and highest gravity on earth, m/s2: 9.780 to 9.832 at sea level (WGS 84), less on mountains."""
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pbd.data import LinearErrors, Recording, SensorErrors
-from pbd.data.units import DEG, MG
+from pbd.data.units import DEG, GRAVITY_SIGMA, MG
 from pbd.pose import Array, lengths
 from pbd.tracking.first_rest import Rest
 from pbd.tracking.moving_windows import moving_means, rows_of_mean, squares, white_noise_variance
@@ -107,7 +107,7 @@ class Noise:
     gravity: float = 9.80
     """m/s2: half-way between the equator and 60 degrees of latitude."""
 
-    gravity_sigma: float = 0.02
+    gravity_sigma: float = GRAVITY_SIGMA
     """m/s2: how much gravity varies over the inhabited earth."""
 
     still_speed: float = 0.001

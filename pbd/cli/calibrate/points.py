@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from pbd.calibration.correspondence import match_points
-from pbd.calibration.dock import lever_figure, placing_covariance, refuse_tilted, warn_of_doubts
+from pbd.calibration.dock import lever_figure, placing_covariance, refuse_tilted, sensor_heading, warn_of_doubts
 from pbd.calibration.field_uniformity import field_at_start, field_spread, heading_changes
 from pbd.calibration.points import POOR_CHI2, PointFit, fit_points, refuse_shape
 from pbd.calibration.registration import PointObservations, observe_points
@@ -68,6 +68,7 @@ def run(args: argparse.Namespace) -> None:
         level, up = field_at_start(hand, recording.mag)
         figures |= {"heading_deg": round(float(np.degrees(heading)), 2), "field_level": round(level, 3)}
         figures["field_up"] = round(up, 3)
+        figures["sensor_heading_deg"] = round(float(np.degrees(sensor_heading(keyframes[0].T_nav_sensor.wxyz))), 1)
     cov = fit.cov.copy()
     if part == "nav" and heading is not None:
         cov[5, 5] += heading**2  # the heading differs between demonstrations by this sigma

@@ -9,7 +9,6 @@ from pbd.calibration.accelerometer import NAMES
 from pbd.calibration.sensor import KINDS, SensorFit, calibrate_sensor
 from pbd.calibration.sensor_changed import gravity_at
 from pbd.cli.console import print_json, say, working
-from pbd.data import GRAVITY
 from pbd.data.one_line_repr import counted
 from pbd.data.units import MG
 from pbd.errors import CalibrationError, warn
@@ -21,7 +20,7 @@ from pbd.view.terminal_tables import print_table, words_table
 
 def run(args: argparse.Namespace) -> None:
     """Fit the sensor's errors, write them, and print them."""
-    gravity = args.gravity or (GRAVITY if args.latitude is None else gravity_at(args.latitude))
+    gravity = args.gravity or (None if args.latitude is None else gravity_at(args.latitude))
     path, calibration = calibration_to_update(args.name)
     with working(f"reading {args.demo}"):
         demo = load_demo(args.demo)
