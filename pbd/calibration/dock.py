@@ -118,11 +118,15 @@ def with_heading_sigma(path: HandPath, calibration: Calibration) -> Calibration:
     if mag is None or not level > 0.0 or np.isnan(up):
         return calibration  # found before these figures were noted, or they were edited
     level_now, up_now = field_at_start(path, mag)
-    change = np.hypot(level_now - level, up_now - up)
+    strength, change = np.hypot(level, up), np.hypot(level_now - level, up_now - up)
+    wxyz, cov_tilt = path.wxyz_nav_sensor[(path.stops[0].start + path.stops[0].stop) // 2], path.cov[0, 3:5, 3:5]
+    turned = np.nan_to_num(sensor_heading(wxyz) - np.radians(fit.get("nav.sensor_heading_deg", np.nan)))
+    leans = 2.0 * np.sin(0.5 * turned) * np.sqrt(np.trace(cov_tilt) / 2.0)
     # Two of the change's three components are seen. The third turns the heading, and is taken to be as large as each.
-    sigma = min(float(change / np.sqrt(2.0) / level), np.pi)
+    disturbed = np.sqrt(max(change**2 - (leans * strength) ** 2, 0.0) / 2.0)
+    sigma = min(float(disturbed / level), np.pi)
     if sigma > DISTURBED_HEADING:
-        share = 100.0 * change / np.hypot(level, up)
+        share = 100.0 * change / strength
         raise CalibrationError(
             f"at the first rest the magnetic field differs by {share:.0f} % from that in which the [nav] of "
             f"'{calibration.name}' was registered, so the whole motion may be turned by {in_degrees(sigma)}; keep "
@@ -131,10 +135,7 @@ def with_heading_sigma(path: HandPath, calibration: Calibration) -> Calibration:
             bound=DISTURBED_HEADING,
         )
     cov = calibration.cov_start.copy()
-    wxyz, tilt = path.wxyz_nav_sensor[(path.stops[0].start + path.stops[0].stop) // 2], path.cov[0, 3:5, 3:5]
-    turned = sensor_heading(wxyz) - np.radians(fit.get("nav.sensor_heading_deg", np.nan))
-    of_tilt = 2.0 * np.sin(0.5 * np.nan_to_num(turned)) * up_now / level_now
-    cov[5, 5] += sigma**2 + of_tilt**2 * float(np.trace(tilt)) / 2.0
+    cov[5, 5] += sigma**2 + (leans * up / level) ** 2
     return replace(calibration, cov_base=cov)
 
 

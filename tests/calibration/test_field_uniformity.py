@@ -5,8 +5,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from pbd.calibration.dock import sensor_heading, with_heading_sigma
 from pbd.calibration.field_uniformity import field_at_start, field_spread, heading_changes
-from pbd.pose import Array, quat_about_z, quat_exp, quat_inverse, quat_multiply, quat_rotate
+from pbd.data import Calibration, HandPath
+from pbd.pipeline import track
+from pbd.pose import Array, Pose, quat_about_z, quat_exp, quat_inverse, quat_multiply, quat_rotate, yaw_toward
+from pbd.simulation.hand_motion import Waypoint
+from pbd.simulation.simulate import simulate
+from pbd.simulation.tasks import Task
+from tests.known import known
 from tests.tracking.stops_at import hand_path
 
 FIELD = np.array([0.0, 19.5, -44.0])
@@ -48,3 +55,30 @@ def test_headings_are_compared_across_180_degrees() -> None:
     first = quat_multiply(quat_about_z(np.radians(179.0)), quat_exp((0.1, 0.2, 0.0)))
     again = [quat_multiply(quat_about_z(np.radians(turn)), first) for turn in (2.0, -3.0, 0.0)]
     assert np.degrees(heading_changes(first, again)) == pytest.approx([2.0, -3.0, 0.0])
+
+
+def test_a_start_with_another_heading_turns_nav_by_as_much_as_its_sigma_says() -> None:
+    """The accelerometer's bias tilts nav, and with it magnetic north, another way where the sensor is turned."""
+    off = []
+    for device in range(12):
+        first, second = (_started(heading, device) for heading in (0.3, 0.3 + np.pi))
+        level, up = field_at_start(first[0], known(known(first[0].tracking).recording.mag))
+        fit = {"chi2": 1.0, "heading_deg": 0.0, "field_level": level, "field_up": up}
+        fit["sensor_heading_deg"] = np.degrees(sensor_heading(first[0].wxyz_nav_sensor[0]))
+        calibration = Calibration(
+            "bench",
+            T_base_nav=Pose.identity(),
+            cov_base=np.zeros((6, 6)),
+            residuals={f"nav.{name}": figure for name, figure in fit.items()},
+        )
+        sigma = np.sqrt(with_heading_sigma(second[0], calibration).cov_start[5, 5])
+        off.append((second[1] - first[1]) / sigma)
+    assert 0.7 < np.sqrt(np.mean(np.square(off))) < 1.4
+
+
+def _started(heading: float, device: int) -> tuple[HandPath, float]:
+    """Return a path that starts with this heading of the sensor, rad, and nav's true heading there, rad."""
+    waypoints = (Waypoint(rest_s=2.0), Waypoint((0.2, 0.0, 0.0), move_s=1.0, rest_s=1.0))
+    demo = simulate(Task("start", waypoints, start_rpy=(0.0, 0.0, heading)), "modern", round(heading), device=device)
+    path = track(demo.recording)
+    return path, yaw_toward(path.wxyz_nav_sensor[0], known(demo.truth).wxyz_nav_sensor[0])

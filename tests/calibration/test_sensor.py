@@ -437,7 +437,7 @@ def test_the_sigma_of_hard_iron_is_that_of_its_error_where_the_field_differs_fro
 
 
 def test_an_unknown_gravity_makes_the_accelerometers_scale_as_uncertain(recording: Recording) -> None:
-    """A reading of 1 g at 9.78 or 9.82 m/s2 looks the same; the vertical's direction, and so the gyro, does not change."""
+    """A reading of 1 g at 9.78 or 9.82 m/s2 looks the same; the vertical has the same direction in both."""
     known_g, unknown_g = (calibrate_sensor(recording, gravity=gravity).errors for gravity in (GRAVITY, None))
     at = known(known_g.acc).matrix_sigma, known(unknown_g.acc).matrix_sigma
     assert at[1] == pytest.approx(np.hypot(at[0], (9.82 - 9.78) / 2.0 / GRAVITY), rel=1e-3)
