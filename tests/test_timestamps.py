@@ -9,6 +9,7 @@ from pbd.data.streams import Stream, joined
 from pbd.errors import PbdWarning
 from pbd.pose import Array
 from pbd.timestamps.doubled_packets import came_twice
+from pbd.timestamps.even_times import batched_interval
 from pbd.timestamps.sample_clock import SampleClock, count_missing
 from pbd.timestamps.stamper import Stamper
 from pbd.timestamps.straighten import _drift, straighten
@@ -476,3 +477,7 @@ def test_a_line_that_is_known_goes_on() -> None:
     arrived = np.maximum.accumulate(times + late).tolist()
     t = [t for at in arrived for t, _ in stamper.stamp(None, at)]
     assert np.diff(t) == pytest.approx(0.025, rel=0.02)
+
+
+def test_times_that_go_to_and_fro_tell_no_interval() -> None:
+    assert batched_interval(np.array((0.0, 1.0, 0.0, 1.0, 0.0))) == 0.0

@@ -113,4 +113,4 @@ def batched_interval(t: Array) -> float:
     # If a batch has the time of its last row, a large batch follows a long step. If it has the time of its first row,
     # the long step comes after it; then that step is left out, with the batch's rows.
     usual = steps < 1.5 * np.median(steps) * np.maximum(rows[1:] / np.median(rows), 1.0)
-    return float(steps[usual].sum() / rows[:-1][usual].sum())
+    return float(steps[usual].sum() / rows[:-1][usual].sum()) if usual.any() else 0.0
