@@ -83,9 +83,10 @@ _NEVER_READ = (
 """Patterns of columns that aren't read, and why."""
 
 _DERIVED = (
-    r"(?:.*_)?(?:time|time_?stamp|temp|temperature|norm|abs\w*|magnitude|total|resultant|bias|range|scale|fs|sens(?:itivity)?|"
-    r"offset|status|state|valid|ok|error|clip\w*|accuracy|count\w*|samples|num\w*|seq|id|name|unit|version|calibration|"
-    r"std\w*|var\w*|cov\w*|rms|mean|avg|max|min|heading|declination|inclination|dip)(?:_?\d+|_.*)?"
+    r"(?:.*_)?(?:time|time_?stamp|temp|temperature|norm|abs\w*|magnitude|total|resultant|bias|range|scale|fs|"
+    r"sens(?:itivity)?|offset|status|state|valid|ok|error|clip\w*|accuracy|count\w*|samples|num\w*|seq|id|name|unit|"
+    r"version|calibration|std\w*|var\w*|cov\w*|rms|mean|avg|max|min|heading|declination|inclination|dip)"
+    r"(?:_?\d+|_.*)?"
 )
 """Patterns of columns about a sensor, or computed from its readings: `gyroTimestamp_sinceReboot`, `acc_norm`."""
 
