@@ -146,7 +146,10 @@ def _trembles(quiet: int, held: int, least: int) -> bool:
 
 
 class QuietWindows:
-    """Says which windows are quiet, one after the other, as `find_candidates` does of a whole recording."""
+    """Says which windows are quiet, one after the other, as `find_candidates` does of a whole recording.
+
+    A tremor that follows a rest without a move between them counts later here, once it has lasted longer than the rest.
+    """
 
     def __init__(self, rest: Rest, least: int) -> None:
         """Begin; a hand must be held still for `least` windows to count as trembling."""
