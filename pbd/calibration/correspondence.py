@@ -102,7 +102,7 @@ def match_points(p_nav_tip: Array, sigma: Array, points: Array, in_order: bool, 
             + ("signs and coordinates, their order (--any-order finds it)" if in_order else "signs and coordinates")
             + ", and that the hand stopped on each"
         )
-    if rival := next(_elsewhere(best[0], best), None):
+    if rival := _rival(best[0], best):
         rad = rival.T_base_nav.distance(best[0].T_base_nav)[1]
         raise CalibrationError(
             f"the stops fit the points in more than one way (another is turned by {in_degrees(rad)}), "
@@ -116,12 +116,13 @@ def match_points(p_nav_tip: Array, sigma: Array, points: Array, in_order: bool, 
     return best[0].stops
 
 
-def _elsewhere(match: _Match, others: list[_Match]) -> Iterator[_Match]:
-    """Yield the other matches that fit about as well as this one, or better, but put nav elsewhere."""
+def _rival(match: _Match, others: list[_Match]) -> _Match | None:
+    """Return another match that fits about as well as this one, or better, but puts nav elsewhere."""
     for other in others:
         metres, rad = other.T_base_nav.distance(match.T_base_nav)
         if other.cost - match.cost < AMBIGUOUS_COST and (metres > SAME_M or rad > SAME_RAD):
-            yield other
+            return other
+    return None
 
 
 def _warn_of_other_orders(p: Array, sigma: Array, points: Array) -> None:
@@ -137,7 +138,7 @@ def _warn_of_other_orders(p: Array, sigma: Array, points: Array) -> None:
     in_order = next((match for match in found if list(match.stops) == sorted(match.stops)), None)
     if in_order is None or in_order.cost > OUTLIER_COST:
         return
-    if other := next(_elsewhere(in_order, found), None):
+    if other := _rival(in_order, found):
         rows = listed(f"{other.stops.index(k) + 1}" for k in range(len(points)))
         warn(
             f"the points fit in another order too (rows {rows}), so a wrong order does not show; check it, or touch "
