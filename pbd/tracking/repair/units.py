@@ -51,7 +51,7 @@ def _refuse_field_unit(mag: Array, source: SourceColumns) -> None:
 
     If its unit was assumed, warn of a field that is more likely in another of FIELD_UNITS.
     """
-    known = np.linalg.norm(np.clip(mag, -1e9, 1e9)[np.isfinite(mag).all(axis=1)], axis=1)
+    known = np.hypot.reduce(np.clip(mag, -1e9, 1e9)[np.isfinite(mag).all(axis=1)], axis=1)  # no square underflows
     usual = float(np.median(known)) if len(known) else 0.0
     earth = f"the Earth's field is {EARTH_FIELD[0]:.0f} to {EARTH_FIELD[1]:.0f} uT"
     if 0.0 < usual < WEAKEST_FIELD or LARGEST_READING < usual < 1e9:

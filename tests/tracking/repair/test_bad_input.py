@@ -273,7 +273,9 @@ def test_times_of_which_one_is_a_number_tell_no_rate() -> None:
         track(replace(recording, t=np.append(0.0, np.full(119, np.nan))))
 
 
-@pytest.mark.parametrize(("usual", "refused"), [(0.008, True), (0.012, False), (9e4, False), (2e5, True)])
+@pytest.mark.parametrize(
+    ("usual", "refused"), [(1e-300, True), (0.008, True), (0.012, False), (9e4, False), (2e5, True)]
+)
 def test_a_field_in_another_unit_is_refused(usual: float, refused: bool) -> None:
     recording = with_rows(pour().recording, slice(0, 120))
     field = np.asarray(recording.mag)
