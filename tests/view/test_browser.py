@@ -1,5 +1,8 @@
 """The page in a real browser, from a file and without a network."""
 
+import base64
+import re
+import zlib
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -572,6 +575,20 @@ def test_an_ellipsoid_that_would_hide_the_scene_is_not_drawn(odd: Replay, odd_sc
 def test_a_doubted_stop_has_a_question_mark(odd: Replay) -> None:
     for place in ("#keyframes button.doubted", "#labels button.doubted", "#numbers .doubted"):
         assert [each.text.split()[0] for each in odd.browser.find_elements(By.CSS_SELECTOR, place)] == ["2?"]
+
+
+def test_paper_shows_the_scene_and_all_of_the_table(odd: Replay) -> None:
+    """The paper has room for the scene and a few rows: the others are on the next sheets."""
+    printed = odd.browser.execute_cdp_cmd("Page.printToPDF", {"paperHeight": 6.0, "printBackground": False})
+    pdf = base64.b64decode(printed["data"])
+    assert len(re.findall(rb"/Type /Page\b", pdf)) > 1
+    width, height = (2 * pixels for pixels in odd("return pbd.page.stage.constructor.paper"))
+    drawn = re.search(rb"/Width %d\s/Height %d\s.*?/Length \d+>> stream\n" % (width, height), pdf, re.DOTALL)
+    assert drawn is not None
+    picture = np.frombuffer(zlib.decompressobj().decompress(pdf[drawn.end() :]), np.uint8)
+    assert len(picture) == 3 * width * height
+    assert picture.std() > 10.0
+    assert odd("return pbd.page.stage.quality.size") == odd("return [innerWidth, innerHeight]")
 
 
 def test_a_sliding_joint_is_in_metres(odd: Replay, odd_scene: ReplayScene) -> None:

@@ -38,17 +38,17 @@ class Surroundings {
 
   ground(z, radius) {
     const { THREE } = this;
-    const disc = new THREE.CircleGeometry(radius, 96);
-    const top = new THREE.Mesh(disc, new THREE.MeshBasicMaterial({ map: this.glow(), transparent: true, depthWrite: false }));
-    const shade = new THREE.Mesh(disc, new THREE.ShadowMaterial({ opacity: Number(this.style("--shadow")) }));
+    const circle = new THREE.CircleGeometry(radius, 96);
+    this.disc = new THREE.Mesh(circle, new THREE.MeshBasicMaterial({ map: this.glow(), transparent: true, depthWrite: false }));
+    const shade = new THREE.Mesh(circle, new THREE.ShadowMaterial({ opacity: Number(this.style("--shadow")) }));
     shade.receiveShadow = true;
-    top.renderOrder = -2;
+    this.disc.renderOrder = -2;
     shade.renderOrder = -1;
-    top.position.z = z - 0.002;
+    this.disc.position.z = z - 0.002;
     shade.position.z = z - 0.0015;
     const lines = this.grid(radius);
     lines.position.z = z - 0.001;
-    this.group.add(top, shade, lines);
+    this.group.add(this.disc, shade, lines);
   }
 
   // The texture of a light disc that fades into the page's background.

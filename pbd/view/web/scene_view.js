@@ -5,6 +5,7 @@
 class SceneView {
   static together_px = 12; // labels whose points are closer on the screen stand side by side
   static steps = 30; // a row of labels moves by at most half as many steps of 3 pixels
+  static paper = [680, 400]; // size of the scene on paper, CSS pixels: narrower than a sheet of A4 or Letter
 
   constructor(pane) {
     this.THREE = MeshCat.THREE;
@@ -22,9 +23,12 @@ class SceneView {
     this.bounds = [];
     this.framed = true; // until the user moves the camera
     this.robot = true; // whether there is a robot, which may need a pedestal
+    this.printing = false;
     this.viewer.controls.addEventListener("start", () => { this.framed = false; });
     this.viewer.render = () => this.render();
     window.addEventListener("resize", () => this.resize());
+    window.addEventListener("beforeprint", () => this.print());
+    window.addEventListener("afterprint", () => { this.printing = false; this.resize(); });
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.addSurroundings(this.table));
   }
 
@@ -90,16 +94,33 @@ class SceneView {
     this.resize();
   }
 
+  // Fits the scene into the window, beside the panel and above the bar.
   resize() {
+    if (this.printing) return; // a small sheet folds what a small window folds
     const [width, height] = [window.innerWidth, window.innerHeight];
-    this.viewer.set_3d_pane_size(width, height);
     const rectangle = (id) => (document.getElementById(id).offsetParent === null ? null : document.getElementById(id).getBoundingClientRect());
     const panel = rectangle("panel");
     const bar = rectangle("bar") ?? rectangle("live");
-    const free = { width: panel && width > 640 ? panel.left : width, height: bar ? bar.top : height };
+    this.fill([width, height], [panel && width > 640 ? panel.left : width, bar ? bar.top : height]);
+  }
+
+  // Draws the scene for paper: what is drawn now is printed.
+  print() {
+    if (!this.surroundings) return;
+    this.printing = true;
+    this.fill(SceneView.paper, SceneView.paper);
+    this.surroundings.disc.visible = false; // dark on a dark page, but paper is white
+    this.quality.draw(this.viewer.scene, this.camera, 2, true);
+    this.surroundings.disc.visible = true;
+    this.placeLabels();
+  }
+
+  // Sets the size of the picture; the scene is fitted into the free part at its top left.
+  fill([width, height], [freeWidth, freeHeight]) {
+    this.viewer.set_3d_pane_size(width, height);
     this.quality.resize(width, height);
-    this.camera.setViewOffset(width, height, (width - free.width) / 2, (height - free.height) / 2, width, height);
-    if (this.framed && this.bounds.length) this.fit(free.width / width, free.height / height);
+    this.camera.setViewOffset(width, height, (width - freeWidth) / 2, (height - freeHeight) / 2, width, height);
+    if (this.framed && this.bounds.length) this.fit(freeWidth / width, freeHeight / height);
     this.viewer.set_dirty();
   }
 
@@ -146,13 +167,14 @@ class SceneView {
   // where it would move too far from its point. The current keyframe's row stays.
   placeLabels() {
     const rows = [];
+    const [width, height] = this.quality.size;
     // Read before any style is set: each reading after that would lay out the page again.
     const widths = new Map(this.labels.map(({ element }) => [element, element.offsetWidth]));
     for (const { element, point } of this.labels) {
       const seen = this.viewer.scene.localToWorld(point.clone()).project(this.camera);
       element.style.visibility = Math.abs(seen.z) < 1 ? "visible" : "hidden";
       const above = element.matches("i") ? 0 : 22; // the name of an axis stands at its tip
-      const [x, y] = [(0.5 + 0.5 * seen.x) * window.innerWidth, (0.5 - 0.5 * seen.y) * window.innerHeight - above];
+      const [x, y] = [(0.5 + 0.5 * seen.x) * width, (0.5 - 0.5 * seen.y) * height - above];
       let row = rows.find((each) => Math.hypot(each.x - x, each.y - y) < SceneView.together_px);
       if (!row) rows.push((row = { x, y, width: 0, elements: [] }));
       row.elements.push(element);
