@@ -15,6 +15,15 @@ class Surroundings {
     if (robot && floor < -0.005) this.pedestal(floor, 0.09 * size);
   }
 
+  // Removes it from the scene, and from the graphics card's memory.
+  dispose() {
+    this.group.removeFromParent();
+    this.key.dispose();
+    this.group.traverse(({ geometry, material }) => {
+      for (const each of [geometry, material, material?.map]) each?.dispose();
+    });
+  }
+
   light(centre, size) {
     const { THREE } = this;
     const strength = Number(this.style("--light"));

@@ -78,7 +78,7 @@ class SceneView {
   // Makes light, ground and pedestal; `table` is its height in base, or null.
   addSurroundings(table) {
     this.table = table;
-    if (this.surroundings) this.viewer.scene.remove(this.surroundings.group);
+    this.surroundings?.dispose();
     this.surroundings = new Surroundings(this.THREE, this.bounds, table, this.robot);
     this.viewer.scene.add(this.surroundings.group);
     this.quality.caster = this.surroundings.key;
