@@ -534,8 +534,20 @@ def odd(odd_scene: ReplayScene, chrome: Chromium, tmp_path_factory: pytest.TempP
     return Replay(chrome, file.as_uri())
 
 
+def test_without_javascript_the_page_says_so(chrome: Chromium, replay_file: Path) -> None:
+    chrome.execute_cdp_cmd("Emulation.setScriptExecutionDisabled", {"value": True})
+    try:
+        chrome.get(replay_file.as_uri())
+        said = chrome.find_element(By.CSS_SELECTOR, "noscript .message")
+        assert said.is_displayed()
+        assert "JavaScript" in said.text
+    finally:
+        chrome.execute_cdp_cmd("Emulation.setScriptExecutionDisabled", {"value": False})
+
+
 def test_text_from_files_is_never_code(odd: Replay) -> None:
-    assert odd.read("#title") == odd("return document.title") == EVIL
+    assert odd.read("#title") == EVIL
+    assert odd("return document.title") == f"{EVIL} \u2013 {scenes.panda().description}"
     assert odd("return document.querySelectorAll('img, b:not(#time b, #joints b)').length") == 0
     assert odd.errors() == []
 
@@ -575,6 +587,36 @@ def test_an_ellipsoid_that_would_hide_the_scene_is_not_drawn(odd: Replay, odd_sc
 def test_a_doubted_stop_has_a_question_mark(odd: Replay) -> None:
     for place in ("#keyframes button.doubted", "#labels button.doubted", "#numbers .doubted"):
         assert [each.text.split()[0] for each in odd.browser.find_elements(By.CSS_SELECTOR, place)] == ["2?"]
+
+
+def test_switching_between_dark_and_light_takes_no_memory(odd: Replay) -> None:
+    taken = []
+    for scheme in ("dark", "light", "dark", "light", "dark"):
+        odd.browser.set_media(scheme)
+        odd("pbd.page.stage.quality.draw(pbd.page.stage.viewer.scene, pbd.page.stage.camera, 1, true)")
+        taken.append(
+            odd(
+                "const { geometries, textures } = pbd.page.stage.quality.renderer.info.memory; return [geometries, textures]"
+            )
+        )
+    odd.browser.set_media()
+    assert max(taken) == taken[0]
+
+
+def test_high_contrast_leaves_the_time_axis_and_the_switches(odd: Replay) -> None:
+    odd.browser.execute_cdp_cmd(
+        "Emulation.setEmulatedMedia", {"features": [{"name": "forced-colors", "value": "active"}]}
+    )
+    colour = "return getComputedStyle(document.querySelector({!r})).backgroundColor"
+    page = odd("return getComputedStyle(document.querySelector('#bar')).backgroundColor")
+    seen = [
+        odd(colour.format(each))
+        for each in ("#moves i", "#closed i", "#touching i", "#switches label:nth-child(2) input")
+    ]
+    pressed = odd("return getComputedStyle(document.getElementById('loop')).outlineStyle")
+    odd.browser.set_media()
+    assert page not in seen
+    assert pressed == "solid"
 
 
 def test_paper_shows_the_scene_and_all_of_the_table(odd: Replay) -> None:

@@ -65,7 +65,7 @@ async function boot() {
     stage.viewer.connect();
     stage.viewer.connection.onclose = () => {
       if (pbd.page instanceof LivePage) pbd.page.gone();
-      else say("The viewer has ended. Run the command again.");
+      else say("The command has ended. To load this page again, run it again.");
     };
   }
 }

@@ -60,7 +60,7 @@ class Page {
 
   describe() {
     const { title, robot, duration, torque, notes, warnings, touching } = this.replay;
-    document.title = title;
+    document.title = `${title} \u2013 ${robot}`;
     element("title").textContent = title;
     element("license").textContent = `The robot's model and meshes: ${this.replay.license}.`;
     element("license").hidden = !this.replay.license;
