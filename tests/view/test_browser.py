@@ -633,6 +633,19 @@ def test_paper_shows_the_scene_and_all_of_the_table(odd: Replay) -> None:
     assert odd("return pbd.page.stage.quality.size") == odd("return [innerWidth, innerHeight]")
 
 
+def test_paper_shows_every_column_of_the_table(odd: Replay) -> None:
+    """A small window leaves out positions where keyframes have tolerances; a sheet is as narrow, but has room."""
+    hidden = "return [...document.querySelectorAll('#keyframes :is(td, th)')].filter((c) => c.offsetWidth === 0).length"
+    odd.browser.set_size(700, 900)
+    on_screen = odd(hidden)
+    odd.browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": "print"})
+    on_paper = odd(hidden)
+    odd.browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": ""})
+    odd.browser.set_media()
+    odd.browser.set_size()
+    assert (on_screen > 0, on_paper) == (True, 0)
+
+
 def test_a_sliding_joint_is_in_metres(odd: Replay, odd_scene: ReplayScene) -> None:
     odd("pbd.page.player.seek(0)")
     first, second = (chip.text for chip in odd.browser.find_elements(By.CSS_SELECTOR, "#angles button")[:2])

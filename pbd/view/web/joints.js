@@ -22,6 +22,10 @@ class Joints {
     this.plot();
   }
 
+  static hue(j) {
+    return Joints.hues[j % Joints.hues.length];
+  }
+
   // Short names: "panda_joint1" becomes "joint1" if all names share the prefix; "wrist_1_joint" becomes "wrist 1".
   static short(names) {
     const first = names[0].split("_")[0];
@@ -31,9 +35,9 @@ class Joints {
 
   chip(name, j) {
     const { names, lower, upper } = this.joints;
-    const limits = Number.isFinite(upper[j] - lower[j]) ? `${this.text(j, lower[j], 0)} to ${this.text(j, upper[j], 0)}` : "no limits";
+    const limits = this.limited(j) ? `${this.text(j, lower[j], 0)} to ${this.text(j, upper[j], 0)}` : "no limits";
     const chip = make("button", "", { title: `${name}: ${limits}`, onclick: () => this.choose(j) });
-    chip.style.setProperty("--hue", Joints.hues[j % Joints.hues.length]);
+    chip.style.setProperty("--hue", Joints.hue(j));
     chip.append(make("span", Joints.short(names)[j]), make("b"));
     return chip;
   }
@@ -68,16 +72,15 @@ class Joints {
     const { names, t } = this.joints;
     const { chosen } = this;
     const x = (time) => (1000 * time) / (this.duration || 1);
-    const hue = (j) => Joints.hues[j % Joints.hues.length];
     const marks = this.keyframes.map((time) => draw("line", { x1: x(time), x2: x(time), y1: -30, y2: 1030 }));
-    const look = { class: "limit", ...(chosen !== null && { stroke: hue(chosen) }) };
+    const look = { class: "limit", ...(chosen !== null && { stroke: Joints.hue(chosen) }) };
     const ends = chosen === null || this.limited(chosen) ? [0, 1000] : [];
     const limits = ends.map((height) => draw("line", { x1: 0, x2: 1000, y1: height, y2: height, ...look }));
     const curves = names.map((_, j) => {
       const [low, high] = this.range(j);
       const points = Array.from(this.curve(j), (angle, i) => `${x(t[i]).toFixed(1)},${((1000 * (high - angle)) / (high - low || 1)).toFixed(1)}`);
       const faint = chosen === null || chosen === j ? "" : "faint";
-      return draw("polyline", { points: points.join(" "), stroke: hue(j), class: `${faint} ${this.limited(j) ? "" : "free"}` });
+      return draw("polyline", { points: points.join(" "), stroke: Joints.hue(j), class: `${faint} ${this.limited(j) ? "" : "free"}` });
     });
     this.cursor = draw("line", { class: "now", y1: -30, y2: 1030 });
     element("plot").replaceChildren(...marks, ...limits, ...curves, this.cursor);
