@@ -14,17 +14,17 @@ class LivePage {
     this.axes = ["x", "y", "z"].map((name) => make("i", name));
     for (const id of ["recording", "live"]) element(id).hidden = false;
     document.onkeydown = (event) => {
-      if (event.key.toLowerCase() === "v" && !event.ctrlKey && !event.metaKey && !event.altKey) this.look(true);
+      if (event.key.toLowerCase() === "v" && !event.ctrlKey && !event.metaKey && !event.altKey) this.aim(true);
     };
   }
 
   take(state) {
     this.describe(state);
     const { stops, box } = state;
-    if (stops !== this.stops || !this.stage.labels.length) this.number(stops);
+    if (stops !== this.stops || !this.stage.labels.length) this.numberStops(stops);
     if (String(box) === String(this.box)) return;
     this.box = box;
-    this.look(this.stage.framed);
+    this.aim(this.stage.framed);
   }
 
   describe({ title, subtitle, fast, state, badge, line, figures }) {
@@ -53,7 +53,7 @@ class LivePage {
     this.write(this.card.children[1], "the recording sends no more data");
   }
 
-  number(stops) {
+  numberStops(stops) {
     this.stops = stops;
     const numbers = Array.from({ length: stops }, (_, i) => make("span", i));
     element("labels").replaceChildren(...this.axes, ...numbers);
@@ -63,7 +63,7 @@ class LivePage {
   }
 
   // Fits the camera to the box that it should show. It glides there, unless the user has moved it.
-  look(follow) {
+  aim(follow) {
     const { stage } = this;
     const { camera } = stage;
     const { target } = stage.viewer.controls;

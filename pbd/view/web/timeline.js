@@ -6,7 +6,7 @@ class Timeline {
 
   constructor({ keyframes, moves, detours, closed, touching, duration }, seek) {
     this.duration = duration;
-    this.numbers = keyframes.map((k, i) => this.at(make("span", `${i}${k.sure === null ? "" : "?"}`, { className: k.sure === null ? "" : "doubted" }), k.t));
+    this.numbers = keyframes.map((k, i) => this.place(make("span", `${i}${k.sure === null ? "" : "?"}`, { className: k.sure === null ? "" : "doubted" }), k.t));
     element("numbers").replaceChildren(...this.numbers);
     element("moves").replaceChildren(...this.spans(moves));
     element("detours").replaceChildren(...this.spans(detours));
@@ -21,14 +21,14 @@ class Timeline {
     return `${(100 * Math.min(Math.max(t, 0), this.duration)) / (this.duration || 1)}%`;
   }
 
-  at(node, from) {
+  place(node, from) {
     node.style.left = this.share(from);
     return node;
   }
 
   spans(spans) {
     return spans.map(([from, to]) => {
-      const span = this.at(make("i"), from);
+      const span = this.place(make("i"), from);
       span.style.right = `calc(100% - ${this.share(to)})`;
       return span;
     });
