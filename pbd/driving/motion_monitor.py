@@ -23,7 +23,11 @@ HEAT_MARGIN_CELSIUS = 5.0
 MIN_VOLTS_SHARE = 0.8
 """Smallest voltage as a share of that at the start (assumed). Below it the power supply is overloaded."""
 
-ERROR_FLAGS = {1: "voltage", 2: "encoder", 4: "temperature", 8: "current", 32: "load"}
+OVERLOAD = 32
+"""Error flag of a servo that gives way to a load. A gripper that LeRobot has configured sets it after 2 s of grasping at
+more than 25 % of its strength, and goes on grasping at 20 % (Overload_Torque, Protection_Time, Protective_Torque)."""
+
+ERROR_FLAGS = {1: "voltage", 2: "encoder", 4: "temperature", 8: "current", OVERLOAD: "load"}
 """Meaning of the bits of a servo's error flags."""
 
 
@@ -84,7 +88,11 @@ class MotionMonitor:
 
 
 def check_health(names: Sequence[str], bounds: ServoLimits, state: ServoState) -> None:
-    """Refuse servos that are hot, have a wrong voltage, or report an error; raises SensorError."""
+    """Refuse servos that are hot, have a wrong voltage, or report an error, but for the gripper's overload.
+
+    Raises:
+        SensorError: names the servo, what is wrong, and what to do.
+    """
     for i, name in enumerate(names):
         if state.celsius[i] >= bounds.celsius[i] - HEAT_MARGIN_CELSIUS:
             what = f"{name} is at {state.celsius[i]:.0f} °C, and switches off at {bounds.celsius[i]:.0f}"
@@ -93,9 +101,7 @@ def check_health(names: Sequence[str], bounds: ServoLimits, state: ServoState) -
         if not low <= state.volts[i] <= high:
             what = f"{name} has {state.volts[i]:.1f} V, outside its {low:g} to {high:g} V"
             raise SensorError(f"{what}: check the power supply", joint=name)
-        if state.flags[i]:
-            why = (
-                ", ".join(what for bit, what in ERROR_FLAGS.items() if state.flags[i] & bit) or f"flag {state.flags[i]}"
-            )
+        if flags := state.flags[i] & ~(OVERLOAD if i == len(names) - 1 else 0):
+            why = ", ".join(what for bit, what in ERROR_FLAGS.items() if flags & bit) or f"flag {flags}"
             what = f"the servo of {name} reports a fault ({why})"
             raise SensorError(f"{what}: switch the arm off and on, and look at it", joint=name)

@@ -180,6 +180,15 @@ def test_the_gripper_may_press_on_what_it_holds(emulator: Emulator) -> None:
     assert swing(emulator, 60).stopped is None
 
 
+@pytest.mark.parametrize(("flags", "sound"), [(32, True), (32 | 8, False)])
+def test_an_overloaded_gripper_still_grips(emulator: Emulator, flags: int, sound: bool) -> None:
+    """As it is after 2 s of grasping, where LeRobot has configured it. It has no other fault."""
+    emulator.fault = lambda: setattr(emulator.servos[6], "flags", flags)
+    stopped = swing(emulator, 60).stopped
+    assert (stopped is None) is sound
+    assert sound or "the servo of gripper reports a fault (current)" in str(stopped)
+
+
 def test_a_person_stops_it(emulator: Emulator) -> None:
     wanted = iter([False] * FAULT_AT + [True] * 1000)
     done = swing(emulator, stop_wanted=lambda: next(wanted))
