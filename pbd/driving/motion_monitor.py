@@ -45,7 +45,7 @@ class MotionMonitor:
         """Begin; `start` is the arm at rest. With an infinite tolerance, positions are not checked."""
         n = len(names)
         self._names, self._bounds, self._tolerance_deg = names, bounds, tolerance_deg
-        self._min_volts = np.maximum(bounds.min_volts, MIN_VOLTS_SHARE * start.volts)
+        self._min_volts = MIN_VOLTS_SHARE * start.volts
         self._goals: deque[Array] = deque([start.counts], maxlen=max(2, round(LAG_S * rate_hz)))
         self._overloaded, self._max_overloaded = np.zeros(n), LOAD_S * rate_hz
         self.error_deg, self.load = np.zeros(n), np.zeros(n)
