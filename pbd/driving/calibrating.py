@@ -11,11 +11,13 @@ import numpy as np
 from pbd.driving.bus import Bus
 from pbd.driving.packets import decode_word, encode_word
 from pbd.driving.servo_arm import (
+    COUNTS_TURNS,
     IDENTITY,
     LOCK,
     MODE,
     OFFSET,
     OFFSET_SIGN,
+    PHASE,
     PRESENT,
     RANGE,
     identify,
@@ -28,6 +30,9 @@ from pbd.pose import Array
 
 MIDDLE = COUNTS // 2 - 1
 """Count of a servo in the middle of its joint's range."""
+
+CALIBRATED = ((PHASE, 1), (RANGE, 4), (OFFSET, 2), (MODE, 1))
+"""The registers that a calibration writes: address and number of bytes."""
 
 FULL_TURN_JOINT = "wrist_roll"
 """The joint that LeRobot lets rotate by a full turn, so its ends are not calibrated."""
@@ -43,6 +48,8 @@ class Calibrating:
 
     def set_middles(self) -> None:
         """Set the homing offsets so that the arm's present position is the middle of every joint's range."""
+        found = self._bus.read(tuple(self._ids.values()), PHASE, 1)
+        write_verified(self._bus, PHASE, {i: bytes([each.data[0] & ~COUNTS_TURNS]) for i, each in found.items()})
         full_range = encode_word(0) + encode_word(COUNTS - 1)
         for address, data in ((RANGE, full_range), (OFFSET, encode_word(0)), (MODE, b"\x00")):
             write_verified(self._bus, address, dict.fromkeys(self._ids.values(), data))
@@ -85,7 +92,7 @@ class Calibrating:
 def calibrating(bus: Bus, ids: Mapping[str, int]) -> Iterator[Calibrating]:
     """Switch torque off and unlock the servos' permanent memory; lock it at the end.
 
-    An error inside restores the old ranges and homing offsets. Notes on it say so, and that the arm is loose.
+    An error inside restores the old CALIBRATED registers. Notes on it say so, and that the arm is loose.
 
     Raises:
         SensorError: the servos do not answer, or are of another model; or their old values could not be restored.
@@ -98,7 +105,7 @@ def calibrating(bus: Bus, ids: Mapping[str, int]) -> Iterator[Calibrating]:
             yield Calibrating(bus, ids)
         except BaseException as stop:
             try:
-                for address, length in ((RANGE, 4), (OFFSET, 2)):
+                for address, length in CALIBRATED:
                     old = (data[address - IDENTITY :][:length] for data in before)
                     write_verified(bus, address, dict(zip(ids.values(), old, strict=True)))
                 write_verified(bus, LOCK, locked)

@@ -19,9 +19,13 @@ STS3215 = 777
 # lerobot/motors/feetech/tables.py.
 IDENTITY, IDENTITY_LENGTH = 3, 31
 """The servo's permanent memory. It begins with the model number."""
-RANGE, MAX_CELSIUS, MAX_VOLTS, MIN_VOLTS, OFFSET, MODE = 9, 13, 14, 15, 31, 33
-"""Addresses in it: position limits (two words), highest temperature (°C), highest and lowest voltage (0.1 V), homing
-offset, mode (0: position)."""
+RANGE, MAX_CELSIUS, MAX_VOLTS, MIN_VOLTS, PHASE, OFFSET, MODE = 9, 13, 14, 15, 18, 31, 33
+"""Addresses in it: position limits (two words), highest temperature (°C), highest and lowest voltage (0.1 V), phase
+(COUNTS_TURNS is one of its bits), homing offset, mode (0: position)."""
+COUNTS_TURNS = 0x10
+"""Bit of the phase with which a position doesn't pass from 4095 to 0 but goes on, and after a power cycle may differ by
+a turn. Some servos come from the factory with it. LeRobot clears it (lerobot/motors/feetech/feetech.py,
+`configure_motors`)."""
 TORQUE_ENABLE, ACCELERATION, GOAL, TORQUE_LIMIT, LOCK = 40, 41, 42, 48, 55
 """Addresses outside the permanent memory: torque (0: off), acceleration (100 counts/s2), goal position (counts), torque
 limit (0 to 1000), lock of the permanent memory (1: locked)."""

@@ -13,7 +13,8 @@ from pbd.data import JointLimits, JointTrajectory
 from pbd.driving.encoders import Encoders
 from pbd.driving.motion_monitor import MotionMonitor
 from pbd.driving.servo_arm import LostTorqueError, ServoArm, ServoState
-from pbd.errors import PlanError, SensorError, amount
+from pbd.errors import CalibrationError, PlanError, SensorError, amount
+from pbd.files.servo_calibration import COUNTS
 from pbd.pose import Array
 
 START_SLACK_DEG = 5.0
@@ -66,8 +67,13 @@ def planned_start(encoders: Encoders, state: ServoState, limits: JointLimits) ->
     """Return the joints that a plan starts from, rad: the measured ones, clipped to the model's limits.
 
     Raises:
+        CalibrationError: a servo counts turns.
         PlanError: the arm stands more than START_SLACK_DEG outside them.
     """
+    for name, counts in zip(encoders.names, state.counts, strict=True):
+        if not 0 <= counts < COUNTS:
+            what = f"the servo of {name} counts turns: it says {counts:.0f}, not 0 to {COUNTS - 1}"
+            raise CalibrationError(f"{what}; calibrate anew with `pbd run --calibrate`", joint=name)
     q = encoders.to_joints(state.counts)
     inside = np.clip(q, limits.lower, limits.upper)
     worst = int(np.argmax(np.abs(q - inside)))

@@ -343,7 +343,10 @@ def test_joints_are_followed_until_a_key_where_nothing_is_shown(key: str, told: 
 
 
 def test_a_calibration_that_is_given_up_changes_nothing(words: list[str]) -> None:
+    """Not even the wheel mode, and the way of counting, in which it can't be made."""
     with Emulator(calibration_of("so101"), resting("so101"), Clock()) as real:
+        real.servos[2].put(33, b"\x01")
+        real.servos[3].put(18, b"\x1c")
         before = {id_: bytes(servo.registers[9:34]) for id_, servo in real.servos.items()}
         words[-1] = "new.json"
         terminal = Terminal("run", "--calibrate", *words, "--port", real.device, cwd=Path.cwd())
@@ -352,6 +355,7 @@ def test_a_calibration_that_is_given_up_changes_nothing(words: list[str]) -> Non
         terminal.until("Enter when it stands there.")
         terminal.type("\n")
         terminal.until("Enter when all are done")
+        assert (real.servos[2].registers[33], real.servos[3].registers[18]) == (0, 0x0C)
         terminal.type("\n")  # nothing was moved
         terminal.until("move it from stop to stop")
         assert terminal.exit_code() == 1

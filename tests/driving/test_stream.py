@@ -15,7 +15,7 @@ from pbd.driving.encoders import Encoders
 from pbd.driving.motion_monitor import MotionMonitor, check_health
 from pbd.driving.servo_arm import WRITE_TRIES, ServoLimits, ServoState
 from pbd.driving.stream import Clock, StreamResult, planned_start, stream
-from pbd.errors import PlanError, SensorError
+from pbd.errors import CalibrationError, PlanError, SensorError
 from pbd.files.robot import load_robot
 from pbd.pose import Array
 from tests.driving.bench import PATIENT_S, UNHURRIED_S, FastClock, connect
@@ -332,3 +332,13 @@ def test_an_arm_five_degrees_outside_the_model_starts_at_its_limit(degrees: floa
     state = standing(encoders.from_joints(q[None], np.ones(1))[0])
     with nullcontext() if sound else pytest.raises(PlanError, match=r"shoulder_lift stands at .* outside the model's"):
         assert planned_start(encoders, state, robot.limits)[1] == robot.limits.upper[1]
+
+
+@pytest.mark.parametrize("counts", [-1.0, 4096.0])
+def test_an_arm_whose_servo_counts_turns_does_not_start(counts: float) -> None:
+    """It would be told to go back by a turn."""
+    encoders, robot = so101(), load_robot("so101")
+    at = encoders.from_joints(np.array([robot.home]), np.ones(1))[0]
+    at[4] = counts
+    with pytest.raises(CalibrationError, match=r"the servo of wrist_roll counts turns: it says .*; calibrate anew"):
+        planned_start(encoders, standing(at), robot.limits)
