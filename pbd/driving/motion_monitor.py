@@ -24,8 +24,9 @@ MIN_VOLTS_SHARE = 0.8
 """Smallest voltage as a share of that at the start (assumed). Below it the power supply is overloaded."""
 
 OVERLOAD = 32
-"""Error flag of a servo that gives way to a load. A gripper that LeRobot has configured sets it after 2 s of grasping at
-more than 25 % of its strength, and goes on grasping at 20 % (Overload_Torque, Protection_Time, Protective_Torque)."""
+"""Error flag of a servo that gives way to a load. A gripper that LeRobot has configured sets it after 2 s of grasping
+at more than 25 % of its strength, and goes on grasping at 20 % (Overload_Torque, Protection_Time, Protective_Torque).
+Source: lerobot/robots/so101_follower/so101_follower.py, `configure`; Feetech's memory table of the STS series."""
 
 ERROR_FLAGS = {1: "voltage", 2: "encoder", 4: "temperature", 8: "current", OVERLOAD: "load"}
 """Meaning of the bits of a servo's error flags."""

@@ -4,6 +4,7 @@ import json
 import math
 import os
 import signal
+import sys
 import time
 from collections.abc import Iterator
 from contextlib import nullcontext
@@ -19,9 +20,10 @@ import pytest
 from pbd.cli.common import plan_demonstration
 from pbd.cli.recording.keys import Keys
 from pbd.cli.run import _show_ranges
-from pbd.cli.run.drive import timetable
+from pbd.cli.run.drive import _preview_table, timetable
 from pbd.data import JointTrajectory
 from pbd.driving import bus, stream
+from pbd.driving.encoders import Encoders
 from pbd.driving.packets import encode_word
 from pbd.driving.servo_arm import ServoArm
 from pbd.driving.stream import Clock
@@ -32,6 +34,7 @@ from pbd.files.servo_calibration import write_servo_calibration
 from pbd.pipeline import track
 from pbd.planning import Plan, PlanOptions, plan_path
 from pbd.pose import Array
+from pbd.view.terminal_tables import print_table
 from tests.cli.running import Capture, refused, run, run_json
 from tests.cli.terminal import Terminal
 from tests.driving.bench import PATIENT_PBD, PATIENT_S, UNHURRIED_S, FastClock
@@ -99,6 +102,26 @@ def test_a_fault_is_one_line_and_an_exit_code(emulator: Emulator, words: list[st
     assert err.splitlines()[-1] == f"pbd: stopped after 1.96 s: {says}; the arm holds where it stopped"
     assert json.loads(out)["stopped"] == says
     assert json.loads(out)["held"]
+
+
+def test_the_preview_shows_the_lowest_place_below_the_highest(capsys: Capture) -> None:
+    """Of a joint that falls where its servo's counts rise, as so100's base does, and of such a gripper."""
+    robot = load_robot("so100")
+    servos = calibration_of("so100")
+    encoders = Encoders(robot, servos | {"gripper": replace(servos["gripper"], drive_mode=1)})
+    q, opening = np.array([robot.home, robot.home]), np.array([0.2, 0.7])
+    q[1, 0] += 0.5
+    goals = encoders.from_joints(q, opening)
+    state: Any = SimpleNamespace(counts=goals[0])
+    trajectory: Any = SimpleNamespace(keyframe_t=np.array([1.0]))
+    print_table(_preview_table(encoders, state, goals, np.array([0.0, 1.0]), trajectory), sys.stdout)
+    rows = {line.split()[0]: line.split()[1:] for line in capsys.readouterr().out.splitlines() if line.strip()}
+    first = [f"{math.degrees(value):.1f}°" for value in (q[0, 0], q[1, 0])]
+    assert rows[robot.joints[0]][:4] == [*first, *first]
+    now, start = (int(value) for value in rows["gripper"][:4:2])
+    assert now < start
+    assert [int(value) for value in rows["gripper"][4:8:2]] == [now, start]
+    assert rows["gripper"][8:] == ["0", "to", "100", "%"]
 
 
 def test_a_dry_run(emulator: Emulator, words: list[str], capsys: Capture, monkeypatch: pytest.MonkeyPatch) -> None:

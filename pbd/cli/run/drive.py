@@ -111,15 +111,19 @@ def _check_pace(bus: Bus, arm: ServoArm) -> None:
 def _preview_table(encoders: Encoders, state: ServoState, goals: Array, t: Array, trajectory: JointTrajectory) -> Table:
     """Tabulate each joint's present position, the start, and the range of the motion and of the servo."""
     table = make_table("joint", "now", "start", "lowest", "highest", "servo's range", left=("joint",))
+
+    def shown(counts: Array) -> Array:
+        """Degrees of the joints and percent of the gripper: some fall where the counts rise."""
+        return np.column_stack([np.degrees(encoders.to_joints(counts)), encoders.gripper_percent(counts)])
+
     at = goals[int(np.searchsorted(t, trajectory.keyframe_t[0]))]
-    rows = np.array([state.counts, at, goals.min(axis=0), goals.max(axis=0), encoders.lower, encoders.upper])
-    degrees = np.degrees(encoders.to_joints(rows))
-    for i, name in enumerate(encoders.names[:-1]):
-        now, start, low, high, *ends = degrees[:, i]
-        reach = f"{min(ends):.0f} to {max(ends):.0f}"
-        table.add_row(name, *(f"{value:.1f}°" for value in (now, start, low, high)), f"{reach}°")
-    percent = encoders.gripper_percent(rows)
-    table.add_row(encoders.names[-1], *(f"{value:.0f} %" for value in percent[:4]), "0 to 100 %")
+    path, ends = shown(goals), shown(np.array([encoders.lower, encoders.upper]))
+    rows = [*shown(np.array([state.counts, at]))]
+    rows += [path.min(axis=0), path.max(axis=0), ends.min(axis=0), ends.max(axis=0)]
+    gripper = encoders.names[-1]
+    for name, *values, least, most in zip(encoders.names, *rows, strict=True):
+        form, unit = (".0f", " %") if name == gripper else (".1f", "°")
+        table.add_row(name, *(f"{value:{form}}{unit}" for value in values), f"{least:.0f} to {most:.0f}{unit}")
     return table
 
 
