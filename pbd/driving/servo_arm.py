@@ -6,7 +6,7 @@ from operator import eq
 
 import numpy as np
 
-from pbd.driving.bus import Bus, NoAnswerError
+from pbd.driving.bus import BAUD, Bus, NoAnswerError
 from pbd.driving.encoders import Encoders
 from pbd.driving.packets import decode_word, encode_word
 from pbd.errors import CalibrationError, SensorError, listed, printable
@@ -220,7 +220,7 @@ def identify(bus: Bus, ids: Mapping[str, int]) -> list[bytes]:
         if len(error.ids) == len(ids):
             raise SensorError(_no_servo(bus.device, error.heard), path=bus.device) from None
         silent = ", ".join(f"{id_} ({names[id_]})" for id_ in error.ids)
-        what = f"no answer from servo {silent} on {bus.device}; the others answer: check its cable and its id"
+        what = f"no answer from servo {silent} on {bus.device}; the others answer: check cable and id"
         raise SensorError(what, path=bus.device, silent=error.ids) from None
     for id_, name in names.items():
         if (model := decode_word(found[id_].data)) != STS3215:
@@ -231,6 +231,7 @@ def identify(bus: Bus, ids: Mapping[str, int]) -> list[bytes]:
 
 def _no_servo(device: str, heard: bytes) -> str:
     if not heard:
-        return f"no servo answers on {device}: switch the arm's power supply on, and check that this is its port"
+        what = f"no servo answers on {device} at {BAUD} baud"
+        return f"{what}: switch the arm's power supply on, and check that this is its port"
     text = printable(heard.decode("ascii", errors="replace")[:40])
     return f"what answers on {device} is no servo (it sends {text!r}); name the arm's --port, `pbd sensors` lists them"

@@ -155,8 +155,8 @@ def wheel_mode(emulator: Emulator) -> None:
 @pytest.mark.parametrize(
     ("wrong", "says"),
     [
-        (silence, "no answer from servo 4 (wrist_flex) on .*; the others answer: check its cable and its id"),
-        (silence_all, "no servo answers on .*: switch the arm's power supply on, and check that this is its port"),
+        (silence, "no answer from servo 4 (wrist_flex) on .*; the others answer: check cable and id"),
+        (silence_all, "no servo answers on .* at 1000000 baud: switch the arm's power supply on, and check that this is its port"),
         (chatter, r"what answers on .* is no servo \(it sends '.*YPR.*'\); name the arm's --port"),
         (other_model, "servo 5 (wrist_roll) says it is model 1284, not an STS3215 (777); pbd run drives no other"),
         (wheel_mode, "servo 1 (shoulder_pan) is in mode 1, not in position mode; calibrate anew"),
