@@ -99,7 +99,8 @@ def test_a_fault_is_one_line_and_an_exit_code(emulator: Emulator, words: list[st
     code, out, err = run(capsys, "run", "pouring", *words, "--port", emulator.device, "--yes", "--json")
     says = "shoulder_lift is at 68 °C, and switches off at 70: let it cool down"
     assert code == 1
-    assert err.splitlines()[-1] == f"pbd: stopped after 1.96 s: {says}; the arm holds where it stopped"
+    lets_go = f"`pbd run --release --robot so101 --port {emulator.device}` lets go of it"
+    assert err.splitlines()[-1] == f"pbd: stopped after 1.96 s: {says}; the arm holds where it stopped; {lets_go}"
     assert json.loads(out)["stopped"] == says
     assert json.loads(out)["held"]
 
@@ -147,6 +148,14 @@ def test_an_arm_that_opens_its_gripper_at_the_end_is_not_said_to_go_home() -> No
     said = "to the start 1.5 s, the demonstration 3.3 s: 4.8 s in all, then the arm holds"
     assert timetable(trajectory, t, retreats=False) == said
     assert "the demonstration 2.0 s, back home 1.3 s" in timetable(trajectory, t, retreats=True)
+
+
+def test_a_dry_run_that_a_person_stops_holds_nothing(
+    emulator: Emulator, words: list[str], capsys: Capture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Keys, "next", lambda keys: "x")
+    code, _, err = run(capsys, "run", "pouring", *words, "--port", emulator.device, "--dry-run")
+    assert (code, err.splitlines()[-1]) == (130, "pbd: stopped by hand after 0.00 s: nothing moved")
 
 
 def test_it_lets_go_only_when_told(emulator: Emulator, words: list[str], capsys: Capture) -> None:

@@ -163,7 +163,7 @@ def _report_end(
 ) -> int:
     """Say how the motion ended; return the exit code."""
     lets_go = f"`pbd run --release --robot {args.robot} --port {device}` lets go of it"
-    holds = "the arm holds where it stopped"
+    holds = f"the arm holds where it stopped; {lets_go}"
     if not done.held:
         holds = "its servos did not confirm that they hold: support the arm, switch their power off if it still moves"
     elif args.dry_run:
@@ -172,7 +172,7 @@ def _report_end(
         say(f"stopped after {done.t:.2f} s: {done.stopped.message}; {holds}")
         return done.stopped.exit_code
     if done.by_hand:
-        say(f"stopped by hand after {done.t:.2f} s: {holds}; {lets_go}")
+        say(f"stopped by hand after {done.t:.2f} s: {holds}")
         return EXIT_STOPPED
     worst = int(np.argmax(monitor.error_deg[:-1]))
     load, celsius, volts = monitor.load.max(), monitor.celsius.max(), monitor.volts.min()
