@@ -19,9 +19,9 @@ STS3215 = 777
 # lerobot/motors/feetech/tables.py.
 IDENTITY, IDENTITY_LENGTH = 3, 31
 """The servo's permanent memory. It begins with the model number."""
-RANGE, MAX_CELSIUS, MAX_VOLTS, MIN_VOLTS, PHASE, OFFSET, MODE = 9, 13, 14, 15, 18, 31, 33
-"""Addresses in it: position limits (two words), highest temperature (°C), highest and lowest voltage (0.1 V), phase
-(COUNTS_TURNS is one of its bits), homing offset, mode (0: position)."""
+RANGE, MAX_CELSIUS, MAX_VOLTS, MIN_VOLTS, MAX_TORQUE, PHASE, OFFSET, MODE = 9, 13, 14, 15, 16, 18, 31, 33
+"""Addresses in it: position limits (two words), highest temperature (°C), highest and lowest voltage (0.1 V), torque
+limit at power-on (0 to 1000), phase (COUNTS_TURNS is one of its bits), homing offset, mode (0: position)."""
 COUNTS_TURNS = 0x10
 """Bit of the phase with which a position doesn't pass from 4095 to 0 but goes on, and after a power cycle may differ by
 a turn. Some servos come from the factory with it. LeRobot clears it (lerobot/motors/feetech/feetech.py,
@@ -36,7 +36,8 @@ OFFSET_SIGN, LOAD_SIGN = 11, 10
 """Sign bits of a homing offset and of a load."""
 
 GRIPPER_TORQUE = 500
-"""Torque limit of the gripper, which closes on things, while pbd drives, 0 to 1000. Source: so101_follower.py."""
+"""Largest torque limit of the gripper, which closes on things, while pbd drives, 0 to 1000. Source:
+so101_follower.py."""
 
 FASTEST_ACCELERATION = 254
 """Acceleration with which a servo follows its goals, 100 counts/s2: the largest that the register takes, 39 rad/s2. A
@@ -103,6 +104,8 @@ class ServoArm:
             min_volts=0.1 * np.array([data[MIN_VOLTS - IDENTITY] for data in found]),
             max_volts=0.1 * np.array([data[MAX_VOLTS - IDENTITY] for data in found]),
         )
+        self._torque = [decode_word(data, MAX_TORQUE - IDENTITY) for data in found]
+        self._torque[-1] = min(self._torque[-1], GRIPPER_TORQUE)
         for (name, servo), data in zip(encoders.servos.items(), found, strict=True):
             low, high = (decode_word(data, address - IDENTITY) for address in (RANGE, RANGE + 2))
             stored = (decode_word(data, OFFSET - IDENTITY, OFFSET_SIGN), low, high)
@@ -154,7 +157,8 @@ class ServoArm:
         """Switch torque on with the arm's present position as goals, so that nothing jumps.
 
         With torque, a servo goes to its old goal at full speed, so the goals are set and verified first. The firmware
-        of a servo without torque may change its goal, so GOAL_TOLERANCE is allowed.
+        of a servo without torque may change its goal, so GOAL_TOLERANCE is allowed. What an earlier program left is
+        lifted: limits of time, speed, acceleration, and a torque limit with which the arm would fall.
         """
         goals = [goal + encode_word(0) + encode_word(0) for goal in self._goals(counts)]  # time and speed: no limit
         try:
@@ -162,7 +166,7 @@ class ServoArm:
                 GOAL, goals, lambda has, wanted: abs(decode_word(has) - decode_word(wanted)) <= GOAL_TOLERANCE
             )
             self._write_verified(ACCELERATION, [bytes([FASTEST_ACCELERATION])] * len(goals))
-            write_verified(self._bus, TORQUE_LIMIT, {self.encoders.ids[-1]: encode_word(GRIPPER_TORQUE)})
+            self._write_verified(TORQUE_LIMIT, [encode_word(limit) for limit in self._torque])
             self._write_verified(TORQUE_ENABLE, [b"\x01"] * len(goals))
             self.hold(counts)
         except SensorError as error:

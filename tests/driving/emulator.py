@@ -45,7 +45,7 @@ class Servo:
         self.put(3, (777).to_bytes(2, "little"))
         self.put(5, bytes([calibration.id]))
         self.put(9, encode_word(calibration.range_min) + encode_word(calibration.range_max))
-        self.put(13, bytes([70, 80, 40]))
+        self.put(13, bytes([70, 80, 40]) + encode_word(1000))
         self.put(31, encode_word(calibration.homing_offset, 11))
         self.put(42, encode_word(1000))  # an old goal: who switches torque on without another makes the arm jump
         self.put(55, b"\x01")

@@ -67,6 +67,17 @@ def test_an_earlier_programs_acceleration_is_lifted(emulator: Emulator) -> None:
     assert {servo.registers[41] for servo in emulator.servos.values()} == {254}
 
 
+def test_an_earlier_programs_torque_limit_is_lifted(emulator: Emulator) -> None:
+    """Else an arm with torque falls. The servo's permanent limit stays, and the gripper's own."""
+    for servo in emulator.servos.values():
+        servo.put(48, encode_word(0))
+    emulator.servos[2].put(16, encode_word(800))
+    with Bus.open(emulator.device, PATIENT_S) as bus:
+        arm = connect(bus)
+        arm.enable_torque(arm.state().counts)
+    assert [servo.number(48) for servo in emulator.servos.values()] == [1000, 800, 1000, 1000, 1000, 500]
+
+
 def test_no_goal_lies_outside_the_calibrated_range(emulator: Emulator) -> None:
     """As of fingers that are pressed past their end. Whether a servo takes such a goal isn't known."""
     with Bus.open(emulator.device, PATIENT_S) as bus:
@@ -156,7 +167,10 @@ def wheel_mode(emulator: Emulator) -> None:
     ("wrong", "says"),
     [
         (silence, "no answer from servo 4 (wrist_flex) on .*; the others answer: check cable and id"),
-        (silence_all, "no servo answers on .* at 1000000 baud: switch the arm's power supply on, and check that this is its port"),
+        (
+            silence_all,
+            "no servo answers on .* at 1000000 baud: switch the arm's power supply on, and check that this is its port",
+        ),
         (chatter, r"what answers on .* is no servo \(it sends '.*YPR.*'\); name the arm's --port"),
         (other_model, "servo 5 (wrist_roll) says it is model 1284, not an STS3215 (777); pbd run drives no other"),
         (wheel_mode, "servo 1 (shoulder_pan) is in mode 1, not in position mode; calibrate anew"),
