@@ -71,10 +71,10 @@ PROTOCOLS: Mapping[str, WireProtocol] = {
         rate_commands=OS5000_RATES,
     ),
     "witmotion": WireProtocol(
-        title="WitMotion WT901, JY901, HWT905, WT61",
+        title="WitMotion WT901, JY901, HWT905, WT61, WT901BLE",
         decoder_path="witmotion:WitMotionDecoder",
         bauds=(9600, 115200, 230400, 921600, 57600, 38400, 19200),
-        gives="acceleration, gyro, attitude; field (not the WT61)",
+        gives="acceleration, gyro, attitude; field (not the WT61, WT901BLE)",
         rate_commands=WITMOTION_RATES,
     ),
     "ximu3": WireProtocol(

@@ -1,5 +1,7 @@
 """WitMotion WT901, JY901, HWT905, WT61 and similar: packets of 11 bytes, several of which make a sample.
 
+The Bluetooth models (WT901BLE, WT9011DCL), read over their USB cable, send packets of 20 bytes, each a sample.
+
 Source: WIT Standard Communication Protocol. A packet is 0x55, a type, four little-endian int16, and the low byte of the
 sum of the first ten bytes. Types and their full scales: 0x51 acceleration (16 g), 0x52 angular rate (2000 deg/s), 0x53
 roll, pitch, yaw (180 deg), 0x54 magnetic field (raw counts, whose unit differs between models), 0x59 quaternion w, x,
@@ -10,6 +12,10 @@ Axes are right-handed with z up, +1 g at rest. Attitude is rotations about z, y,
 The packets of one instant have no time. They come in the order of their types, so a lower type begins the next group.
 After the first such change, the highest type seen so far completes a group at once. If that packet is lost, the group
 is completed when the next one begins.
+
+Source of the 20 bytes: Bluetooth 5.0 Communication Protocol. They are 0x55, 0x61, and nine little-endian int16:
+acceleration, angular rate, angles, of the same scales. They have no checksum: such a packet counts once the next one
+begins where it ends.
 """
 
 import re
@@ -35,11 +41,16 @@ QUATERNION = 0x59
 
 _WORDS = Struct("<2x4hx")
 
+WHOLE_SAMPLE = b"\x55\x61"
+"""Start of a Bluetooth model's packet."""
+
+_NINE_WORDS = Struct("<2x9h")
+
 
 class WitMotionDecoder(PacketDecoder):
     """Learns from the stream which types a group has. The device sends no time."""
 
-    START = re.compile(rb"\x55(?:[\x50-\x5a\x5f]|\Z)")
+    START = re.compile(rb"\x55(?:[\x50-\x5a\x5f\x61]|\Z)")
 
     def __init__(self) -> None:
         super().__init__()
@@ -49,6 +60,8 @@ class WitMotionDecoder(PacketDecoder):
         self._in_step = False  # whether the start of a group has been seen
 
     def _read_packet(self, data: bytes, at: int, samples: list[Sample]) -> int:
+        if data.startswith(WHOLE_SAMPLE, at):
+            return _read_whole_sample(data, at, samples)
         packet = data[at : at + 11]
         if len(packet) < 11:
             return 0
@@ -80,3 +93,18 @@ class WitMotionDecoder(PacketDecoder):
             rpy = parts.get(0x53, parts.get(QUATERNION))
             samples.append(Sample(acc=parts.get(0x51), gyr=parts.get(0x52), mag=parts.get(0x54), rpy=rpy))
             self._parts = {}
+
+
+def _read_whole_sample(data: bytes, at: int, samples: list[Sample]) -> int:
+    """Read a Bluetooth model's packet; the arguments and the result are those of `_read_packet`."""
+    end = at + _NINE_WORDS.size
+    if not WHOLE_SAMPLE.startswith(next_start := data[end : end + len(WHOLE_SAMPLE)]):
+        return -1
+    if next_start != WHOLE_SAMPLE:
+        return 0
+    numbers = _NINE_WORDS.unpack_from(data, at)
+    acc, gyr, rpy = (
+        scaled(numbers[k : k + 3], unit) for k, unit in ((0, ACC_PER_COUNT), (3, GYR_PER_COUNT), (6, ANGLE_PER_COUNT))
+    )
+    samples.append(Sample(acc=acc, gyr=gyr, rpy=rpy))
+    return _NINE_WORDS.size

@@ -14,12 +14,15 @@ from pbd.sensors.protocols import PROTOCOLS
 from pbd.sensors.witmotion import WitMotionDecoder
 from tests.known import known
 from tests.sensors.decoded import decode
-from tests.sensors.encoders.witmotion import ACC, ANGLE, GYR, MAG, QUATERNION, group, packet
+from tests.sensors.encoders.witmotion import ACC, ANGLE, GYR, MAG, QUATERNION, group, packet, whole_sample
 
 PUBLISHED = bytes.fromhex(
     "55 51 00 fc 00 02 00 f8 e3 09 88  55 52 10 00 f0 ff 48 01 00 00 ef"
     "55 53 00 20 00 f0 00 80 00 00 38  55 54 88 ff fa 00 84 fe c4 09 79"
 )
+BLUETOOTH = bytes.fromhex("55 61 5a 00 be ff 37 f8 00 00 00 00 00 00 72 82 03 fd 19 b8")
+"""A packet that a Bluetooth model sent while it lay upside down."""
+
 G, DEG = GRAVITY, math.pi / 180.0
 
 words = st.tuples(*[st.integers(-32768, 32767)] * 3)
@@ -89,6 +92,27 @@ def test_zeros_are_no_quaternion() -> None:
     decoder = WitMotionDecoder()
     assert decoder.feed(packet(QUATERNION, (0, 0, 0, 0)) * 3) == []
     assert decoder.tally.bad_packets == 3
+
+
+def test_a_packet_of_a_bluetooth_model() -> None:
+    (sample,) = WitMotionDecoder().feed(BLUETOOTH + BLUETOOTH)
+    close([sample], [expected({ACC: (90, -66, -1993), GYR: (0, 0, 0), ANGLE: (-32142, -765, -18407)})])
+    acc, rpy = known(sample.acc), known(sample.rpy)
+    assert math.atan2(acc[1], acc[2]) == pytest.approx(rpy[0], abs=2.0 * DEG)  # its own attitude says the same
+
+
+@given(st.lists(st.tuples(*[st.integers(-32768, 32767)] * 9), min_size=2, max_size=5))
+def test_each_packet_of_a_bluetooth_model_is_a_sample(sent: list[tuple[int, ...]]) -> None:
+    stream = b"".join(map(whole_sample, sent))
+    wanted = [expected({ACC: words[:3], GYR: words[3:6], ANGLE: words[6:]}) for words in sent[:-1]]
+    close(decode(WitMotionDecoder, stream), wanted)
+
+
+@pytest.mark.parametrize("cut", range(2, len(BLUETOOTH)))
+def test_half_a_packet_of_a_bluetooth_model_is_no_sample(cut: int) -> None:
+    decoder = WitMotionDecoder()
+    assert len(decoder.feed(BLUETOOTH * 2 + BLUETOOTH[:cut] + BLUETOOTH * 3)) == 4
+    assert decoder.tally.bad_packets == 1
 
 
 SENT = [{kind: (k, kind, -k) for kind in (ACC, GYR, ANGLE, MAG)} for k in range(1, 9)]

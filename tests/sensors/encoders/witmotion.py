@@ -14,3 +14,8 @@ def packet(kind: int, words: Sequence[int]) -> bytes:
 
 def group(parts: Mapping[int, Sequence[int]]) -> bytes:
     return b"".join(packet(kind, parts[kind]) for kind in sorted(parts))
+
+
+def whole_sample(words: Sequence[int]) -> bytes:
+    """Acceleration, angular rate and angles in one packet, as the Bluetooth models send them."""
+    return struct.pack("<BB9h", 0x55, 0x61, *words)
