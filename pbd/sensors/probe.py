@@ -26,8 +26,8 @@ GUESSED_PROTOCOLS = tuple(name for name, known in PROTOCOLS.items() if known.bau
 LONGEST_SHOWN = 72
 """Longest line that a message quotes whole, characters: fourteen numbers of five characters."""
 
-NUMBER = re.compile(r"(?<![\w.])[-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?(?![\w.])", re.IGNORECASE)
-"""A number in a line of text, as sketches print it."""
+NUMBER = re.compile(r"(?<![\w.])[-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?(?:[/:-][\d.]+)*(?![\w.])", re.IGNORECASE)
+"""A number in a line of text, as sketches print it. A date or a time of day counts as one, because it is one column."""
 
 BAUDS = tuple(dict.fromkeys(baud for name in GUESSED_PROTOCOLS for baud in PROTOCOLS[name].bauds))
 """Baud rates that `probe` tries, in this order."""

@@ -159,9 +159,10 @@ def test_whose_bytes_these_are(name: str) -> None:
         ("6551,0.07,-0.16,1e-3,31.5,0,.5,1", "'6551,0.07,-0.16,1e-3,31.5,0,.5,1' (8 numbers)"),
         ("6551\t-8\t0\t8192", r"'6551\t-8\t0\t8192' (4 numbers)"),
         ("t2 Gyro: 0.1 0.2 Acc: -1", "'t2 Gyro: 0.1 0.2 Acc: -1' (3 numbers)"),
+        ("05/17/2024,12:00:07.69,-0.2,1004.96", "'05/17/2024,12:00:07.69,-0.2,1004.96' (4 numbers)"),
         (",".join(["-0.12345"] * 12), f"'{'-0.12345,' * 7}-0.123...' (12 numbers)"),
     ],
-    ids=["commas", "tabs", "words", "long"],
+    ids=["commas", "tabs", "words", "date", "long"],
 )
 def test_a_printed_line_is_shown_with_how_many_numbers_it_has(line: str, shown: str) -> None:
     """So a person sees that --columns names too few; a sketch that separates by tabs is text, too."""
