@@ -337,6 +337,16 @@ def test_a_long_loss_before_the_last_samples_is_seen() -> None:
     assert t == pytest.approx(true, abs=1e-6)
 
 
+def test_a_backlog_whose_last_sample_waited_too_loses_nothing() -> None:
+    """The samples of 1.5 s waited until 30 ms after the last of them. That is one long delay, not 150."""
+    true = np.arange(3000) / 100.0
+    arrival = true + np.random.default_rng(1).uniform(0.001, 0.009, len(true))
+    arrival[1000:1150] = true[1149] + 0.03
+    t, lost = straighten(np.maximum.accumulate(arrival))
+    assert lost == 0
+    assert t == pytest.approx(true, abs=1e-3)
+
+
 @pytest.mark.parametrize("asleep_s", [3.0, 15.0])
 def test_the_backlog_of_a_suspended_host_loses_nothing(asleep_s: float) -> None:
     """It is read in pieces of 4096 bytes. Of 300 samples 178 seemed to be lost, or the rate seemed to change."""

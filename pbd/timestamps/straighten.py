@@ -135,12 +135,17 @@ def _drift(delay: Array, block: int, interval: float) -> Array:
 def _lost_before(delay: Array, interval: float, ahead: int, ends: NDArray[np.intp]) -> Array:
     """Count the samples lost before each sample, (n,), from rises of the delays (n,) s that do not fall again.
 
-    The least delay within `ahead` samples is compared. It must rise by more than it scatters without a loss.
+    The least delay of the batches within `ahead` samples is compared. It must rise by more than it scatters without a
+    loss.
     """
     from scipy.ndimage import find_objects, label, minimum_filter1d
 
     rise = min(max(2, round(LOSS_RISE_S / interval)), ahead)
-    least: Array = minimum_filter1d(delay, ahead, origin=-(ahead // 2), mode="nearest")
+    batches = max(ahead * len(ends) // len(delay), 2)
+    # Batches are compared, not samples: the backlog of a stall has many samples, but one delay.
+    in_batches = max(batches + 1, BURST_BATCHES)  # so many have samples among `ahead`: the last in part
+    of_batch = minimum_filter1d(delay[np.append(ends, -1)], in_batches, origin=-(in_batches // 2), mode="nearest")
+    least: Array = of_batch[np.searchsorted(ends, np.arange(len(delay)))]
     # Too few samples follow the last ones: among these a loss shows only by a delay that is longer than a burst.
     tail = max(len(least) - ahead, 1)
     steps = np.diff(least[tail - 1 :])
@@ -149,7 +154,6 @@ def _lost_before(delay: Array, interval: float, ahead: int, ends: NDArray[np.int
     risen[:rise] -= least[0]
     risen[rise:] -= least[:-rise]
     lost = np.zeros(len(delay))
-    batches = max(ahead * len(ends) // len(delay), 2)
     whole = delay[ends[: len(ends) // batches * batches]].reshape(-1, batches)
     scatter = float(np.median(np.diff(np.partition(whole, 1, axis=1)[:, :2]))) if len(whole) else 0.0
     for (rows,) in find_objects(label(risen > max(LOST_SHARE * interval, LOSS_SCATTERS * scatter))[0]):
