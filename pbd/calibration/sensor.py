@@ -150,7 +150,8 @@ def _remarks_on_acc(recording: Recording, rests: Rests, acc: AccelerometerFit | 
     if acc.undetermined:
         yield (
             f"{amount(acc.orientations, 'orientation')} can't determine {', '.join(acc.undetermined)}: they are "
-            "kept near zero; to measure all of them, put each of the six sides and six edges up"
+            "kept near zero; to measure all of them, put each of the six sides up, and an edge between the two axes of "
+            "each misalignment"
         )
 
 

@@ -203,6 +203,13 @@ def test_six_sides_determine_bias_and_scale_but_no_misalignment() -> None:
     assert fit.undetermined == ("misalignment yz", "misalignment xz", "misalignment xy")
 
 
+@pytest.mark.parametrize("axes", ["yz", "xz", "xy"])
+def test_an_edge_between_two_axes_determines_their_misalignment(axes: str) -> None:
+    edge = np.isin(["x", "y", "z"], list(axes)) / np.sqrt(2.0)
+    fit = fit_accelerometer(accelerometer_rests(9.81 * np.vstack((SIDES[:6], edge))), 9.81)
+    assert {f"misalignment {axes}"} == {"misalignment yz", "misalignment xz", "misalignment xy"} - set(fit.undetermined)
+
+
 def test_an_axis_that_only_points_up_has_undetermined_bias_and_scale() -> None:
     """x never points down, so its bias and its scale have the same effect."""
     up = SIDES[[0, 1, 2, 4, 5]]
