@@ -103,8 +103,6 @@ def _read_whole_sample(data: bytes, at: int, samples: list[Sample]) -> int:
     if next_start != WHOLE_SAMPLE:
         return 0
     numbers = _NINE_WORDS.unpack_from(data, at)
-    acc, gyr, rpy = (
-        scaled(numbers[k : k + 3], unit) for k, unit in ((0, ACC_PER_COUNT), (3, GYR_PER_COUNT), (6, ANGLE_PER_COUNT))
-    )
+    acc, gyr, rpy = (scaled(numbers[3 * k : 3 * k + 3], UNITS[kind]) for k, kind in enumerate((0x51, 0x52, 0x53)))
     samples.append(Sample(acc=acc, gyr=gyr, rpy=rpy))
     return _NINE_WORDS.size

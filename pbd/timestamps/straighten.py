@@ -143,7 +143,7 @@ def _lost_before(delay: Array, interval: float, ahead: int, ends: NDArray[np.int
     rise = min(max(2, round(LOSS_RISE_S / interval)), ahead)
     batches = max(ahead * len(ends) // len(delay), 2)
     # Batches are compared, not samples: the backlog of a stall has many samples, but one delay.
-    in_batches = max(batches + 1, BURST_BATCHES)  # so many have samples among `ahead`: the last in part
+    in_batches = batches + 1  # so many have samples among `ahead`: the last in part
     of_batch = minimum_filter1d(delay[np.append(ends, -1)], in_batches, origin=-(in_batches // 2), mode="nearest")
     least: Array = of_batch[np.searchsorted(ends, np.arange(len(delay)))]
     # Too few samples follow the last ones: among these a loss shows only by a delay that is longer than a burst.

@@ -51,16 +51,16 @@ def _refuse_field_unit(mag: Array, source: SourceColumns) -> None:
 
     If its unit was assumed, warn of a field that is more likely in another of FIELD_UNITS.
     """
-    known = np.hypot.reduce(np.clip(mag, -1e9, 1e9)[np.isfinite(mag).all(axis=1)], axis=1)  # no square underflows
+    known = np.hypot.reduce(mag[(np.abs(mag) < 1e9).all(axis=1)], axis=1)  # no square underflows; without NaN
     usual = float(np.median(known)) if len(known) else 0.0
     earth = f"the Earth's field is {EARTH_FIELD[0]:.0f} to {EARTH_FIELD[1]:.0f} uT"
-    if 0.0 < usual < WEAKEST_FIELD or LARGEST_READING < usual < 1e9:
+    if 0.0 < usual < WEAKEST_FIELD or usual > LARGEST_READING:
         raise RecordingError(
             f"the magnetometer reads {usual:.2g} uT, but {earth}: its unit is another; "
             "import the file with --unit mag=T, gauss, mgauss, nT or uT",
             value=usual,
         )
-    if 0.0 < usual < 1e9 and _is_assumed(source, "mag"):
+    if usual > 0.0 and _is_assumed(source, "mag"):
         likely = min(FIELD_UNITS, key=lambda unit: abs(log(usual * UNITS["mag"][unit] / sqrt(np.prod(EARTH_FIELD)))))
         if likely != "uT":
             warn(
