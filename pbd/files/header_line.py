@@ -17,6 +17,9 @@ FEWEST_CELLS = 4
 WIDEST_ROW = 30
 """Largest number of cells in a row of one sample: time, three sensors, attitude, place, and as many again."""
 
+LABVIEW_END = "***End_of_Header***"
+"""The line that ends the remarks in a file of LabVIEW, some of which are numbers."""
+
 FIRST_ROWS = 20
 """Number of rows that are read to see whether the first column of a table without a header is the time."""
 
@@ -32,7 +35,8 @@ def find_header(lines: Sequence[str]) -> tuple[int, int] | None:
 
     The header is the last wide line above the first row of numbers, or the first above lines whose cells repeat.
     """
-    wide = [k for k, line in enumerate(lines) if line.count(delimiter_of(line)) >= FEWEST_CELLS - 1]
+    begin = max((k for k, line in enumerate(lines) if line.startswith(LABVIEW_END)), default=-1)
+    wide = [k for k, line in enumerate(lines) if k > begin and line.count(delimiter_of(line)) >= FEWEST_CELLS - 1]
     if not wide:
         return None
     row = next((k for k in wide if _is_row(lines[k])), None)

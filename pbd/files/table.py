@@ -271,7 +271,7 @@ def open_sheet(
     recording = error is RecordingError
     if foreign and recording and (what := headerless_advice(path, header, in_file, above)):
         raise error.at(path, what, above + 1)
-    if not header[-1]:
+    if not header[-1] or (header[0], header[-1]) == ("X_Value", "Comment"):  # LabVIEW writes no empty comment
         header.pop()
     if recording:
         body = without_cut_row(path, body, len(header), delimiter)

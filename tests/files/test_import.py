@@ -134,6 +134,7 @@ def test_spellings_of_specific_force(tmp_path: Path, header: str, scale: float) 
         ("gyr", "Angular Velocity X (°/s),Angular Velocity Y (°/s),Angular Velocity Z (°/s)", DEG),
         ("gyr", "wx (rad/s),wy (rad/s),wz (rad/s)", 1.0),
         ("gyr", "Drehrate x (°/s),Drehrate y (°/s),Drehrate z (°/s)", DEG),
+        ("gyr", "Dreh. x (°/s),Dreh. y (°/s),Dreh. z (°/s)", DEG),
         ("mag", "Magnetometer X (µT),Magnetometer Y (µT),Magnetometer Z (µT)", 1.0),
         ("mag", "mag_x (mGauss),mag_y (mGauss),mag_z (mGauss)", 0.1),
         ("mag", "mx (mG),my (mG),mz (mG)", 0.1),

@@ -311,7 +311,7 @@ def test_rostopic_prints_times_in_ns(tmp_path: Path) -> None:
         ("IMUGyroFwd", "looks like a gyro", "gx=IMUGyroFwd"),
         ("imu_gyro_fwd", "looks like a gyro", "gx=imu_gyro_fwd"),
         ("pitch_rate", "looks like a gyro", "gx=pitch_rate"),
-        ("Dreh_X [°/s],Dreh_Y [°/s]", "look like a gyro", r"gx='Dreh_X \[°/s\]'"),
+        ("Dreht_X [°/s],Dreht_Y [°/s]", "look like a gyro", r"gx='Dreht_X \[°/s\]'"),
         ("x (dps)", "looks like a gyro", r"gx='x \(dps\)'"),
         ("mag1", "looks like inertial data", "mx=mag1"),
     ],
@@ -749,6 +749,23 @@ def test_raw_counts_give_way_to_readings_with_a_unit(tmp_path: Path) -> None:
     read = imported(tmp_path, f"t,{','.join(names)}\n0,{row}\n0.01,{row}\n")
     assert_allclose(read.acc[0], (0.0, 0.0, GRAVITY))
     assert_allclose(known(read.gyr)[0], (np.pi / 2, 0.0, -np.pi))
+
+
+def test_of_two_accelerations_the_total_one_has_gravity(tmp_path: Path) -> None:
+    """As in UCI HAR: body_acc has none, and comes first, beside body_gyro."""
+    names = ",".join(f"{name}_{axis}" for name in ("body_acc", "body_gyro", "total_acc") for axis in "xyz")
+    read = imported(tmp_path, f"t,{names}\n0,0,0,0,1,2,3,0.5,0.25,9.75\n0.01,0,0,0,1,2,3,0.5,0.25,9.75\n")
+    assert_allclose(read.acc[0], (0.5, 0.25, 9.75))
+
+
+def test_a_file_of_labview(tmp_path: Path) -> None:
+    """The remarks of each channel are numbers too, and a row without a comment has no cell for it."""
+    end = "***End_of_Header***"
+    remarks = f"LabVIEW Measurement\t\nDecimal_Separator\t,\n{end}\t\n\nChannels\t3\nX0\t0,0\t0,0\t0,0\t\n{end}\n"
+    rows = "X_Value\tax\tay\taz\tComment\n0,00\t0,5\t0,25\t9,75\n0,01\t0,5\t0,25\t9,75\n"
+    read = imported(tmp_path, remarks + rows, name="run.lvm")
+    assert_allclose(read.t, (0.0, 0.01))
+    assert_allclose(read.acc[0], (0.5, 0.25, 9.75))
 
 
 @pytest.mark.parametrize(

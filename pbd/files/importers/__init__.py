@@ -43,7 +43,7 @@ def import_file(
     `recording.info.source` tells how its columns were read.
 
     Args:
-        path: .csv, .txt, .tsv or .log with a header, or with names beside the numbers; .npz; .mcap, .db3, .bag or a
+        path: .csv, .txt, .tsv, .log or .lvm with a header, or names beside the numbers; .npz; .mcap, .db3, .bag or a
             rosbag2 folder; an x-IMU3's folder; a zip or folder with a CSV file for each sensor, as Sensor Logger,
             phyphox and MetaBase write it, or one of these files.
         columns: our name (t, gx ... mz, heading, pitch, roll) -> the file's column, if the header doesn't tell.

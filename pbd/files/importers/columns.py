@@ -48,8 +48,8 @@ class Program:
 
 
 _PACKETS = frozenset(("packet_counter",))
-_WITH_GRAVITY = re.compile("gravity|^g_f$")
-"""Sets of axes beside which another accelerometer is without gravity; gF is Physics Toolbox's."""
+_WITH_GRAVITY = re.compile("gravity|^g_f$|^total_")
+"""Sets of axes beside which another accelerometer is without gravity. gF is Physics Toolbox's, total_acc UCI HAR's."""
 
 _GFORCE = {"acc": "g", "gyr": "rad/s", "mag": "uT"}
 _ICM20948 = {"acc": "mg", "gyr": "deg/s", "mag": "uT"}
@@ -139,7 +139,7 @@ def _by_name(header: Sequence[str]) -> dict[str, str]:
     device = next((device_of[group] for group in sets.get("acc", ()) if device_of[group] in of_gyro), "")
     found: dict[str, str] = {}
     for groups in sets.values():
-        found |= groups[min(groups, key=lambda group: (device_of[group] != device, not _WITH_GRAVITY.search(group)))]
+        found |= groups[min(groups, key=lambda group: (not _WITH_GRAVITY.search(group), device_of[group] != device))]
     return found
 
 

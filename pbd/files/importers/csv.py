@@ -38,7 +38,7 @@ from pbd.files.table import Sheet, Table, foreign_text, open_sheet
 from pbd.io.numbers import is_stamp
 from pbd.pose import Array
 
-TEXT = (".csv", ".txt", ".tsv", ".log")
+TEXT = (".csv", ".txt", ".tsv", ".log", ".lvm")
 
 OTHERS_ROWS = 0.05
 """Smallest share of rows without accelerometer and gyro that are taken for another sensor's rows, not for losses."""

@@ -13,7 +13,7 @@ from pbd.data.units import normalized_unit, unit_factor
 
 _WORDS = {
     "g": r"(?P<before>.*_)?(?:gyr|gyro|gyroscope|gyro_?rotation|rotation_?rate|ang(?:ular)?_?(?:vel(?:ocity)?|rate))|"
-    r"g|gy|w|pqr|omega|as|rotation|rot|ω|角速度|drehrate|winkelgeschwindigkeit|gyroskop",
+    r"g|gy|w|pqr|omega|as|rotation|rot|ω|角速度|dreh(?:rate)?|winkelgeschwindigkeit|gyroskop",
     "a": r"(?P<before>.*_)?(?:accl?|accel(?:eration|erometer)?|specific_?force)(?:_(?:including|with)_gravity)?|"
     r"ac?|g_?f|加速度|beschl(?:eunigung)?",
     "m": r"(?P<before>.*_)?(?:mag|magn|magnetometer|magnetic_?field)|m|b|h|磁场|magnetfeld",
@@ -37,7 +37,7 @@ _AXES = (
 """Patterns of an axis: `acc_x`; `acc_x_1`, `acc_x_l` (a device, a side, one of two joined tables); `x_acc`."""
 
 _TIME = (
-    r"t|ts|epoch?|时间|(?:uhr)?zeit|zeitstempel|(?:seconds_|time_)?elapsed|elapsed_?time|"
+    r"t|ts|epoch?|x_value|时间|(?:uhr)?zeit|zeitstempel|(?:seconds_|time_)?elapsed|elapsed_?time|"
     r"date_?time|time_?since_?start|time_?start_?up|time(?:_?stamp)?_(?:\d|[a-dlrxy])|"
     r"sample_?time_?fine|(?:.*_)?time_?stamp(?:_unix|_sync|_formatted_unix)*_cal|gpst|(?:gps_)?tow|"
     r"(?:(?:system|unix|unit|logging|server|host|pc|mac|phone|device|sensor|imu|received|arrival|local)_?)?time(?:_?stamp)?"
@@ -92,7 +92,7 @@ _DERIVED = (
 
 _INERTIAL = {
     "g": (
-        r"gyr|omega|drehrate|winkelgeschw|ang(?:ular)?_?(?:vel|rate|speed)|(?:rotation|turn|roll|pitch|yaw)_?rate",
+        r"gyr|omega|dreh(?:_|rate)|winkelgeschw|ang(?:ular)?_?(?:vel|rate|speed)|(?:rotation|turn|roll|pitch|yaw)_?rate",
         r"rot|ang|turn|rate",
     ),
     "a": (r"acc(?!ur|ess|um|ount|ept)|specific_?force|beschl(?:_|eunigung)", r"force"),
