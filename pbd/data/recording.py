@@ -13,6 +13,9 @@ from pbd.frozen_arrays import Frozen, freeze_arrays, numeric
 from pbd.pose import Array
 from pbd.timestamps.even_times import batched_interval
 
+DEVICE_CLOCK = "device"
+"""`RecordingInfo.clock` of a recording whose rows have the times that the sensor itself gave them."""
+
 RESOLUTION_ROWS = 4096
 """Number of rows, spread over a recording, from which the resolution of its readings is found."""
 

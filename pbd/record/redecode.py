@@ -6,11 +6,12 @@ from pathlib import Path
 import numpy as np
 
 from pbd.data import Demonstration, Recording, RecordingInfo
+from pbd.data.recording import DEVICE_CLOCK
 from pbd.errors import RecordingError, amount
 from pbd.files.demo import read_demo
 from pbd.io.read_file import read_bytes
 from pbd.pose import Array
-from pbd.record.session import DEVICE_CLOCK, FIRST_BYTES
+from pbd.record.session import FIRST_BYTES
 from pbd.record.session_types import recording_from_samples
 from pbd.sensors.decoding import Decoder, Sample
 from pbd.sensors.probe import describe_bytes, identify_protocol, printed_line

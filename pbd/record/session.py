@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from pbd.data import GripEvent, Recording, RecordingInfo
+from pbd.data.recording import DEVICE_CLOCK
 from pbd.errors import PbdError, RecordingError, collected_warnings
 from pbd.files.demo import read_demo
 from pbd.files.recording_writer import RecordingWriter
@@ -33,7 +34,7 @@ CHANNELS_AFTER_S = 0.2
 FIRST_BYTES = 4096
 """Number of first bytes that are kept to identify the sensor if they can't be decoded."""
 
-DEVICE_CLOCK, HOST_CLOCK = "device", "host: arrival times, straightened"
+HOST_CLOCK = "host: arrival times, straightened"
 
 
 class Session:

@@ -19,6 +19,7 @@ import numpy as np
 
 from pbd.data import Demonstration, Recording, RecordingInfo
 from pbd.data.paused_clock import ClockEvent, PausedClock
+from pbd.data.recording import DEVICE_CLOCK
 from pbd.data.source_columns import CHANNELS, DATES, Column, SourceColumns
 from pbd.data.streams import Stream, joined
 from pbd.errors import RecordingError, listed, printable, warn
@@ -284,5 +285,5 @@ def _joined(path: Path, streams: Mapping[str, Stream], sensor: str, source: Sour
         known = (given[name].t for name in ("acc", "gyr") if given.get(name))
         spans = listed(f"{each[0]:.1f} to {each[-1]:.1f} s" for each in known)
         raise RecordingError.at(path, f"its sensors have no time in common ({spans}); record them together")
-    info = RecordingInfo(sensor=sensor, clock="device", source=source)
+    info = RecordingInfo(sensor=sensor, clock=DEVICE_CLOCK, source=source)
     return Recording(t - t[0], values["acc"], values.get("gyr"), values.get("mag"), info=info)

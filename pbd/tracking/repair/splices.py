@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from pbd.data import Recording
 from pbd.data.one_line_repr import counted
+from pbd.data.recording import DEVICE_CLOCK
 from pbd.data.units import UNITS
 from pbd.errors import RecordingError, amount, warn
 from pbd.pose import Array, lengths
@@ -76,8 +77,8 @@ def without_wild(recording: Recording) -> Recording:
 
 
 def in_order(recording: Recording) -> Recording:
-    """Exchange two blocks that came in the wrong order; warns if there are any."""
-    swapped = _swapped_blocks(recording)
+    """Exchange two blocks that came in the wrong order; warns if there are any. A device's own times tell the order."""
+    swapped = None if recording.info.clock == DEVICE_CLOCK else _swapped_blocks(recording)
     if swapped is None:
         return recording
     first, size = swapped
