@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pbd.data import Recording
+from pbd.data.recording import resolution_of
 from pbd.errors import RecordingError, TrackingError, warn
 from pbd.pose import Array, lengths
 from pbd.tracking.first_rest import STILL_ACC
@@ -29,6 +30,10 @@ LIVE_SHARE = 0.7
 
 NOISE_ROUGHNESS = 2.0
 """Readings are noise if their third differences are this many times their first. White noise has 3.2, motion less."""
+
+ROUNDED_ROUGHNESS = 1.5
+"""Smallest mean third difference of noise that changes a steady reading within STUCK_AXIS_S, in steps of the
+resolution: that of noise of a third of a step. Rounding alone makes 1.0."""
 
 NOISE_ROWS, ROUNDING = 20, 1e-6
 """Noise is judged in the calmest NOISE_ROWS rows in sequence. A change below ROUNDING (m/s2, rad/s) is rounding."""
@@ -97,13 +102,14 @@ def stuck_axes(recording: Recording) -> Iterator[tuple[str, int, int, int]]:
     seen = np.diff(recording.t) <= 1.0 / SLOWEST_HZ
     for name in SENSOR_NAMES:
         values = getattr(recording, name)
+        step = 0.0 if values is None else ROUNDED_ROUGHNESS * resolution_of(values)
         for axis in range(3) if values is not None else ():
             spans = run_edges((values[1:, axis] == values[:-1, axis]) & seen)
             for start, last in spans[np.diff(recording.t[spans], axis=1)[:, 0] >= STUCK_AXIS_S].tolist():
                 part = values[start : last + 1]
                 live = (np.abs(np.diff(part, axis=0)) > ROUNDING).mean(axis=0) >= LIVE_SHARE
                 shown = values[:, live], part[:, live]  # within a move no noise may show
-                if any(_is_noise(column[:, None]) for columns in shown for column in columns.T):
+                if any(_is_noise(column[:, None], step) for columns in shown for column in columns.T):
                     yield name, axis, start, last + 1
 
 
@@ -184,11 +190,11 @@ def has_noise(acc: Array) -> bool:
     return _is_noise(acc[1:][(np.abs(np.diff(acc, axis=0)) > ROUNDING).any(axis=1)])
 
 
-def _is_noise(values: Array) -> bool:
-    """Whether the calmest rows of values (n, k) are noise, not smooth motion."""
+def _is_noise(values: Array, least: float = 0.0) -> bool:
+    """Whether the calmest rows of values (n, k) are noise, with a mean third difference of `least`, not motion."""
     if len(values) < NOISE_ROWS:
         return False
     variance, _ = window_moments(values, NOISE_ROWS)
     rows = values[np.argmin(variance) :][:NOISE_ROWS]
     first, third = (float(np.abs(np.diff(rows, n=n, axis=0)).sum()) for n in (1, 3))
-    return third > NOISE_ROUGHNESS * first
+    return third > max(NOISE_ROUGHNESS * first, least * len(rows))

@@ -20,7 +20,7 @@ from pbd.simulation.hand_motion import Waypoint
 from pbd.simulation.simulate import TASKS, World, random_task
 from pbd.simulation.tasks import Task
 from pbd.tracking.keyframes import find_keyframes
-from pbd.tracking.repair.channel_faults import frozen_rows, refuse_dead
+from pbd.tracking.repair.channel_faults import frozen_rows, refuse_dead, stuck_axes
 from pbd.tracking.repair.gyro_consistency import find_steady, refuse_disagreement
 from pbd.tracking.repair.repair_recording import repair_recording
 from pbd.tracking.repair.splices import without_wild
@@ -137,6 +137,14 @@ def test_an_axis_that_is_stuck_for_a_second_within_moves_is_named(channel: str) 
     values[held_rows, 1] = values[held_rows, 1][0]
     with pytest.raises(RecordingError, match=r"axis y of the .* is stuck .* from 3\.0\d s .* to 4\.\d\d s"):
         track(with_channel(recording, channel, values))
+
+
+def test_an_axis_whose_noise_is_below_its_resolution_is_not_stuck() -> None:
+    """A Razor's rad/s with two decimals, in a turn about one axis."""
+    t = np.arange(0.0, 3.0, 0.02)
+    gyr = np.outer(np.sin(np.pi / 3.0 * t), (0.0, 0.0, 1.5)) + 0.002 * np.random.default_rng(0).normal(size=(150, 3))
+    acc = np.tile((0.0, 0.0, 9.8), (150, 1))
+    assert not list(stuck_axes(Recording(t, acc, gyr.round(2))))
 
 
 @pytest.mark.parametrize("channel", ["acc", "gyr"])
