@@ -24,6 +24,9 @@ CONTRADICTION_DEG = 12.0
 """Median angle, degrees, between a direction and the gyro's prediction above which the two contradict each other. What
 the hand's acceleration may explain (`Witness.unsure_deg`) is subtracted from each angle first."""
 
+MAPPED_SHARE = 0.75
+"""Of the angles with a mapping this quantile counts, not the median, which hides an axis that few turns are about."""
+
 SEARCH_SCALE_DEG = 20.0
 """Angle by which gravity is off, degrees, above which a wrong scale of the gyro is looked for.
 The search takes as long as tracking."""
@@ -161,17 +164,19 @@ class _Search:
         self.counted = [k for k in self._each if self._moved[k].sum() >= SIMPLE_PAIRS]
         self.gravity_contradicts = bool(self._telling[0].sum() >= SIMPLE_PAIRS and self.off[0] > CONTRADICTION_DEG)
 
-    def _cost(self, k: int, off: Array) -> Array:
-        """Median of the angles (k, ...) by which witness k is off, where it turns or where it should, the larger."""
-        return np.maximum(_median(off[self._moved[k]]), _median(off[self._telling[k]]))
+    def _cost(self, k: int, off: Array, share: float = 0.5) -> Array:
+        """Quantile of the angles (k, ...) by which witness k is off, where it turns or where it should, the larger."""
+        return np.maximum(_quantile(off[self._moved[k]], share), _quantile(off[self._telling[k]], share))
 
     def _costs(self, by: Array, matrices: Array) -> Array:
-        """The same (n, r) for every witness with each of the mappings (r, 3, 3)."""
-        return np.array([self._cost(k, self._witnesses[k].off_with_mappings(by, matrices)) for k in self._each])
+        """The same (n, r) for every witness with each of the mappings (r, 3, 3), for MAPPED_SHARE."""
+        angles = [each.off_with_mappings(by, matrices) for each in self._witnesses]
+        return np.array([self._cost(k, angles[k], MAPPED_SHARE) for k in self._each])
 
     def find_mapping(self) -> Contradiction | None:
         """Find another order, or other signs, of a channel's axes that remove the contradictions of some witnesses."""
-        if not self.counted or self.off[self.counted].max() <= CONTRADICTION_DEG:
+        off = self._costs(self._by_gyro, np.eye(3)[None])
+        if not self.counted or off[self.counted].max() <= CONTRADICTION_DEG:
             return None
         matrices = np.array([mapping.matrix for mapping in AXIS_MAPPINGS])
         of_own = self._costs(self._by_gyro, matrices)
@@ -180,7 +185,7 @@ class _Search:
         mirrored, of_gyro = np.linalg.det(matrices) < 0.0, of_own[:, inverse]
         of_gyro[:, mirrored] = self._costs(self._turn(-1.0), matrices[mirrored].transpose(0, 2, 1))
         own = np.array([[each.channel == c for each in self._witnesses] for c in "am"])[:, :, None]
-        left = dict(zip("gam", (of_gyro, *np.where(own, of_own, self.off[:, None])), strict=True))
+        left = dict(zip("gam", (of_gyro, *np.where(own, of_own, off)), strict=True))
         fits = [(channel, mapping, left[channel][:, k]) for k, mapping in enumerate(AXIS_MAPPINGS) for channel in left]
         used = ([k for k in self.counted if k < n] for n in range(len(self._witnesses), 0, -1))
         remedies = (_find_remedy(self._witnesses, self._telling, fits, k, self._source) for k in used if k)
@@ -265,9 +270,9 @@ def _find_remedy(
     return Contradiction(witnesses[wrong[0]].channel, off, best, int(np.argmax(telling[wrong[0]])), message)
 
 
-def _median(values: Array) -> Array:
-    """The median along the first axis; 0 without values."""
-    return np.asarray(np.median(values, axis=0) if len(values) else np.zeros(values.shape[1:]))
+def _quantile(values: Array, share: float) -> Array:
+    """A quantile along the first axis; 0 without values."""
+    return np.asarray(np.quantile(values, share, axis=0) if len(values) else np.zeros(values.shape[1:]))
 
 
 def _message(named: Sequence[tuple[str, AxisMapping]], sure: bool, source: SourceColumns) -> str:

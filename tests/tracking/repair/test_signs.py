@@ -378,6 +378,12 @@ def test_five_turns_tell_of_one_wrong_sign_with_the_first_pair_of_moments_that_s
     assert found.pair == 2
 
 
+def test_an_axis_that_a_third_of_the_turns_is_about_is_not_hidden_by_the_others() -> None:
+    turns = 0.5 * np.eye(3)[[0] * 8 + [1] * 16]
+    found = known(found_by_gravity(np.tile((0.0, 0.0, 1.0), (24, 1)), turns, turns * (-1.0, 1.0, 1.0)))
+    assert "gx has the wrong sign: import the file with --column gx=-gx" in found.message
+
+
 def test_a_bent_field_hides_no_wrong_axis() -> None:
     """The field points anywhere, as beside iron. Gravity alone shows that gx and gy are swapped."""
     rng = np.random.default_rng(0)
