@@ -13,7 +13,7 @@ SILENT_S = 3.0
 """Time without a byte after which a serial device counts as unplugged or switched off, s. A phone gets longer."""
 
 SUSPENDED_S = 1.0
-"""Idle time in one round of the loop which shows that this program was suspended (Ctrl-Z, a sleeping machine), s."""
+"""Idle time in one round of the loop which shows that this program did not run (Ctrl-Z, a sleeping machine), s."""
 
 MAX_BACKLOG_S = 2.0
 """Longest time that samples may wait to be taken, s. If they wait longer, they come faster than this machine can take
@@ -46,7 +46,7 @@ class Link:
         trouble, now = self._reader.port.trouble, self.now
         if idle_s >= SUSPENDED_S:
             self._resumed = now
-            self._session.warn(f"this program was suspended for {idle_s:.1f} s: samples of that time may be lost")
+            self._session.warn(f"this program did not run for {idle_s:.1f} s: samples of that time may be lost")
         elif pieces and now - pieces[0][1] > MAX_BACKLOG_S and not self._told_behind:
             self._told_behind = True
             self._session.warn("samples come faster than this machine takes them: lower the sensor's rate")
