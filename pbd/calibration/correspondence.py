@@ -27,6 +27,9 @@ AMBIGUOUS_COST = 12.0
 SAME_M, SAME_RAD = 0.05, np.radians(10.0)
 """Distance and angle of the poses of two matches, m and rad, below which they count as the same."""
 
+HYPOTHESIS_POINTS = 6
+"""Number of points, evenly spaced in their order, of which hypotheses are made. Two right ones among them suffice."""
+
 REFINED_MATCHES = 20
 """Number of the best matches that are aligned again on all their stops."""
 
@@ -80,7 +83,7 @@ def match_points(p_nav_tip: Array, sigma: Array, points: Array, in_order: bool, 
         if found and found[0].cost < min(rivals) - AMBIGUOUS_COST:
             exchanged = [k for k, stop in enumerate(sorted(stops)) if stop != stops[k]]
     if in_order and len(exchanged) != 2:
-        if best:
+        if cost <= bound:
             touched = list(best[0].stops)
             _warn_of_other_orders(p_nav_tip[touched], sigma[touched], points)
         if n == m:
@@ -128,17 +131,15 @@ def _rival(match: _Match, others: list[_Match]) -> _Match | None:
 def _warn_of_other_orders(p: Array, sigma: Array, points: Array) -> None:
     """Warn if the points, touched in their order by stops (m, 3), fit in another order as well, as a square's corners.
 
-    Such a pose puts the two stops that are farthest apart on two points.
+    Such a pose puts two stops on the two points that are farthest apart.
     """
     given = p, sigma, points, False
-    apart = lengths((p[:, None] - p[None])[..., :2])
+    apart = lengths((points[:, None] - points[None])[..., :2])
     ends = list(np.unravel_index(int(np.argmax(apart)), apart.shape))
-    poses = _hypotheses(p[ends], sigma[ends], points, in_order=False, free=False)
+    poses = _hypotheses(p, sigma, points[ends], in_order=False, free=False)
     found = [_refined(_assign(pose, *given), *given, free=False) for pose in poses]
     in_order = next((match for match in found if list(match.stops) == sorted(match.stops)), None)
-    if in_order is None or in_order.cost > OUTLIER_COST:
-        return
-    if other := _rival(in_order, found):
+    if in_order and (other := _rival(in_order, found)):
         rows = listed(f"{other.stops.index(k) + 1}" for k in range(len(points)))
         warn(
             f"the points fit in another order too (rows {rows}), so a wrong order does not show; check it, or touch "
@@ -157,9 +158,11 @@ def _best_matches(p: Array, sigma: Array, points: Array, in_order: bool, free: b
 def _hypotheses(p: Array, sigma: Array, points: Array, in_order: bool, free: bool) -> Iterator[Pose]:
     """Yield T_base_nav for each two stops and two points with the same horizontal distance and height difference.
 
-    If the tilt is `free`, they are three stops and three points with the same distances.
+    If the tilt is `free`, they are three stops and three points with the same distances. The points are among
+    HYPOTHESIS_POINTS.
     """
-    chosen = np.array(list((combinations if in_order else permutations)(range(len(points)), 2 + free)))
+    among = np.unique(np.linspace(0, len(points) - 1, HYPOTHESIS_POINTS).round().astype(int))
+    chosen = np.array(list((combinations if in_order else permutations)(among, 2 + free)))
 
     def sides(corners: Array) -> tuple[Array, Array]:
         apart = corners - np.roll(corners, 1, axis=-2)

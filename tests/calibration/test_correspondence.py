@@ -1,6 +1,7 @@
 """Stops are matched to the points that they touched."""
 
 from itertools import combinations
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pbd.calibration.correspondence import match_points
+from pbd.calibration.registration import align
 from pbd.errors import CalibrationError, PbdWarning
 from pbd.pose import Array, Pose, quat_about_z, quat_exp
 
@@ -107,6 +109,17 @@ def test_a_square_that_was_touched_in_order_may_have_been_begun_at_another_corne
     above = np.vstack((SQUARE, [[0.3, 0.0, 0.2]]))
     p, sigma = stops_at(above)
     assert match_points(p, sigma, above, in_order=True) == (0, 1, 2, 3, 4)  # without a warning
+
+
+def test_many_points_are_matched_from_few_hypotheses_and_a_grid_fits_turned(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each two of 25 stops and of 25 points took a minute, and the sum of many small misfits hid the other order."""
+    grid = 0.08 * np.array([(a, b, 0.0) for a in range(5) for b in range(5)])
+    p, sigma = stops_at(np.vstack(((-0.3, 0.4, 0.2), grid)), noise=0.005)
+    spy = Mock(wraps=align)
+    monkeypatch.setattr("pbd.calibration.correspondence.align", spy)
+    with pytest.warns(PbdWarning, match="in another order too"):
+        assert match_points(p, sigma, grid, in_order=True) == tuple(range(1, 26))
+    assert spy.call_count < 10_000
 
 
 def test_a_point_above_a_corner_breaks_the_symmetry() -> None:
