@@ -7,6 +7,7 @@ from dataclasses import replace
 from os.path import commonprefix
 from typing import Any
 
+import numpy as np
 from rich.table import Table
 
 from pbd.calibration.dock import place_in_base
@@ -58,6 +59,11 @@ def run(args: argparse.Namespace) -> None:
         say(f"using: {'; '.join(fits)}")
     if args.save or args.frame:
         keyframes = _assign_frames(args, demo, keyframes)
+    if args.method == "paper" and demo.keyframes is None:
+        if args.tolerance is not None:
+            raise UsageError("--tolerance needs an uncertainty, which the paper's method has not; use --method default")
+        say("the paper's method gives no uncertainty, so there is no σ")
+        keyframes = tuple(replace(keyframe, cov=np.zeros((6, 6))) for keyframe in keyframes)
     sigmas = keyframe_sigmas([keyframe.cov for keyframe in keyframes])
     rows = list(map(_row, range(len(keyframes)), keyframes, sigmas))
     placed = None

@@ -85,7 +85,10 @@ def test_it_is_shown_in_json(capsys: pytest.CaptureFixture[str]) -> None:
     assert set(shown) == {"gyro_bias_deg_s", "gyro_matrix_percent", "acc_bias_m_s2", "acc_matrix_percent", "lag_ms"}
     assert abs(shown["lag_ms"]["value"]) < 3.0 * shown["lag_ms"]["sigma"]  # it is simulated without
     assert main(["keyframes", "pouring", "--json", "--method", "paper"]) == 0
-    assert json.loads(capsys.readouterr().out)["sensor_errors"] is None
+    result = json.loads(capsys.readouterr().out)
+    assert result["sensor_errors"] is None
+    assert result["keyframes"][0]["sigma_deg"] == [None] * 3
+    assert main(["keyframes", "pouring", "--method", "paper", "--robot", "panda", "--tolerance", "0.01"]) == 2
 
 
 def test_chance_is_what_was_learned() -> None:
