@@ -8,13 +8,17 @@ import pytest
 
 from pbd.arm.collision.scene import CollisionScene
 from pbd.arm.motion_request import Motion
+from pbd.cli.plan_report import remarks
 from pbd.data import Obstacle
 from pbd.errors import PlanError, RobotError
-from pbd.planning import PlanOptions, arm_of, choose_joints, plan_keyframes
+from pbd.files.demo import load_demo
+from pbd.pipeline import track
+from pbd.planning import PlanOptions, arm_of, choose_joints, plan_keyframes, plan_path
 from pbd.planning.object_frames import ThingPlace, nearest_working_place
 from pbd.planning.task import PlanningTask
 from pbd.pose import Pose
 from tests.cli.running import Capture, run
+from tests.known import known
 from tests.reading_meshes import read_mesh
 from tests.test_planning import PANDA, TURN, UR5, dock, keyframe, low, planned
 
@@ -118,6 +122,13 @@ def test_a_straight_line_is_tried_before_it_is_recommended(
     assert code == 0
     said = "--path-tolerance 0.01 keeps it straight" if can else "panda can't keep it straight from this dock"
     assert f" from a straight line; {said}\n" in err
+
+
+def test_beside_a_way_around_the_dock_is_not_blamed_for_a_curve() -> None:
+    """A line allows no way around, so it can't be had, from whatever dock."""
+    plan = plan_path(track(load_demo("pouring")), known(PANDA.dock), PANDA)
+    around = replace(plan, segments=(*plan.segments[:-1], replace(plan.segments[-1], kind="detour")))
+    assert remarks(around, None)[-1].endswith("from a straight line; --path-tolerance would forbid the way around")
 
 
 def test_where_a_mesh_is_missing_no_key_is_named_that_a_robot_does_not_take(tmp_path: Path) -> None:

@@ -29,13 +29,13 @@ def remarks(plan: Plan, calibration: str | None) -> list[str]:
     off_m = plan.segments[worst].off_line_m
     if off_m < STRAY_M or plan.options.tolerance_m is not None or plan.segments[worst].wide is not None:
         return found  # planning reports a wide move
-    with working("trying a straight line"):
-        straight = can_plan(plan, replace(plan.options, tolerance_m=STRAY_M))
-    how = (
-        f"--path-tolerance {STRAY_M} keeps it straight"
-        if straight
-        else f"{plan.robot.name} can't keep it straight from this dock"
-    )
+    if any(move.kind == "detour" for move in plan.segments[1:]):
+        how = "--path-tolerance would forbid the way around"
+    else:
+        with working("trying a straight line"):
+            straight = can_plan(plan, replace(plan.options, tolerance_m=STRAY_M))
+        can = f"--path-tolerance {STRAY_M} keeps it straight"
+        how = can if straight else f"{plan.robot.name} can't keep it straight from this dock"
     strays = f"the tool strays {100.0 * off_m:.1f} cm from a straight line"
     return [*found, f"between keyframes {worst - 1} and {worst} {strays}; {how}"]
 
