@@ -77,12 +77,11 @@ def match_points(p_nav_tip: Array, sigma: Array, points: Array, in_order: bool, 
     cost = best[0].cost if best else np.inf
     exchanged = list[int]()  # two points
     if in_order and m > FEWEST_POINTS and cost > OUTLIER_COST:
-        found = _best_matches(p_nav_tip, sigma, points, False, free)
-        stops = found[0].stops if found else ()
-        rivals = [cost, *(other.cost for other in found if other.stops != stops)]
-        if found and found[0].cost < min(rivals) - AMBIGUOUS_COST:
-            exchanged = [k for k, stop in enumerate(sorted(stops)) if stop != stops[k]]
-    if in_order and len(exchanged) != 2:
+        orders = _best_matches(p_nav_tip, sigma, points, False, free)
+        likely = [match for match in orders if match.cost < orders[0].cost + AMBIGUOUS_COST and len(_moved(match)) == 2]
+        if len({match.stops for match in likely}) == 1 and likely[0].cost < cost - AMBIGUOUS_COST:
+            stops, exchanged = likely[0].stops, _moved(likely[0])
+    if in_order and not exchanged:
         if cost <= bound:
             touched = list(best[0].stops)
             _warn_of_other_orders(p_nav_tip[touched], sigma[touched], points)
@@ -95,9 +94,10 @@ def match_points(p_nav_tip: Array, sigma: Array, points: Array, in_order: bool, 
                 raise mirrored(check)
             if best and other.stops != best[0].stops and other.cost < cost + AMBIGUOUS_COST:
                 alike.append(check)
-    if len(exchanged) == 2:
+    if exchanged:
         rows = " and ".join(f"{k + 1}" for k in exchanged)
-        warn(f"rows {rows} of the points fit only if they were touched in each other's place, so they are exchanged")
+        warn(f"rows {rows} of the points fit if they were touched in each other's place, so they are exchanged")
+        _warn_of_other_orders(p_nav_tip[list(stops)], sigma[list(stops)], points)
         return stops
     if cost > bound:
         raise CalibrationError(
@@ -117,6 +117,11 @@ def match_points(p_nav_tip: Array, sigma: Array, points: Array, in_order: bool, 
     for check in alike:
         warn(MAY_BE_MIRRORED.format(check))
     return best[0].stops
+
+
+def _moved(match: _Match) -> list[int]:
+    """Return the points that were touched in another place than theirs in the order."""
+    return [k for k, stop in enumerate(sorted(match.stops)) if stop != match.stops[k]]
 
 
 def _rival(match: _Match, others: list[_Match]) -> _Match | None:

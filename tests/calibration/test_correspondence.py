@@ -61,8 +61,18 @@ def test_two_points_that_were_touched_in_the_other_order_are_found(pair: tuple[i
     order = np.arange(5)
     order[list(pair)] = order[list(pair[::-1])]
     p, sigma = stops_at(np.vstack(((0.1, -0.3, 0.2), POINTS[order]))[1 - start :])
-    with pytest.warns(PbdWarning, match=f"rows {pair[0] + 1} and {pair[1] + 1} of the points fit only if they were"):
+    with pytest.warns(PbdWarning, match=f"rows {pair[0] + 1} and {pair[1] + 1} of the points fit if they were"):
         assert match_points(p, sigma, POINTS, in_order=True) == tuple((order + start).tolist())
+
+
+def test_two_corners_of_a_square_that_were_touched_in_the_other_order_are_found() -> None:
+    """Begun at another corner, the square fits too, but then three are in another's place, not two."""
+    with pytest.warns(PbdWarning) as told:
+        assert match_points(*stops_at(SQUARE[[1, 0, 2, 3]]), SQUARE, in_order=True) == (1, 0, 2, 3)
+    assert [str(each.message).split(" (")[0] for each in told] == [
+        "rows 1 and 2 of the points fit if they were touched in each other's place, so they are exchanged",
+        "the points fit in another order too",
+    ]
 
 
 @pytest.mark.parametrize("wrong", range(5))
