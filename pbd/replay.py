@@ -57,6 +57,7 @@ def replay_scene(plan: Plan, warnings: Sequence[str] = ()) -> ReplayScene:
         cov=cov["tracking"] + cov.get("touch-ups", 0.0),
         tolerance=np.array([R @ np.diag(np.full(3, np.nan) if m is None else m**2) @ R.T for m in tolerances]),
         inside=np.ones(len(tolerances)) if success is None else success.of_each,
+        off_rad=plan.off_rad,
         hand_path_base=_hand_path(plan),
         hand_speed=np.linalg.norm(path.v_nav_sensor[path.demonstrated], axis=1),
         grasped=plan.grasped,

@@ -33,6 +33,7 @@ def describe(scene: ReplayScene, bounds: Array) -> Mapping[str, Any]:
     samples = trajectory.sample(SPAN_RATE_HZ)
     moves = _spans(samples.t, np.abs(samples.qd).max(axis=1) > MOVING_RAD_S)
     detours = [(max(start, first), min(end, last)) for start, end in moves for first, last in scene.detours]
+    sample_s = 1.0 / SPAN_RATE_HZ  # the move before a detour may seem to end that much late
     messages = [contact.message for contact in scene.contacts]
     return {
         "title": scene.title,
@@ -42,7 +43,7 @@ def describe(scene: ReplayScene, bounds: Array) -> Mapping[str, Any]:
         "rate": FRAME_RATE_HZ,
         "keyframes": [_keyframe(scene, k) for k in range(len(scene.keyframes))],
         "moves": moves,
-        "detours": [(start, end) for start, end in detours if start < end],
+        "detours": [(start, end) for start, end in detours if start + sample_s < end],
         "closed": _spans(samples.t, samples.gripper < OPEN_SHARE * samples.gripper.max()),
         "joints": {
             "names": list(trajectory.joint_names),
@@ -80,6 +81,7 @@ def _keyframe(scene: ReplayScene, k: int) -> dict[str, Any]:
         "sigma": None if typed_by_hand else [_largest_sigma(cov[:3, :3]), _largest_sigma(cov[3:, 3:])],
         "grip": keyframe.grip,
         "detour": any(end == t for _, end in scene.detours),
+        "off": scene.off_rad[k].tolist() if scene.off_rad.any() else None,
         "inside": None if keyframe.tolerance_m is None else float(scene.inside[k]),
         "sure": None if keyframe.weight >= DOUBTED_WEIGHT else keyframe.weight,
     }

@@ -49,6 +49,7 @@ class ReplayScene(Frozen):
             touch-ups.
         tolerance: (k, 3, 3) m2 in base, the square of the keyframes' `tolerance_m`; NaN where there is none.
         inside: (k,) probability that the tool is within the keyframe's tolerance.
+        off_rad: (k, 2) rotations that an arm with too few joints misses there: of its approach axis, and about it.
         hand_path_base: (n, 3) m, where the hand would have carried the tool.
         hand_speed: (n,) m/s, along that path.
         phases: where the grasped object is, by time; empty where nothing is grasped.
@@ -72,6 +73,7 @@ class ReplayScene(Frozen):
     cov: Array
     tolerance: Array
     inside: Array
+    off_rad: Array
     hand_path_base: Array
     hand_speed: Array
     grasped: GraspedObject | None = None
@@ -86,4 +88,12 @@ class ReplayScene(Frozen):
 
     def __post_init__(self) -> None:
         k, n = len(self.keyframes), len(self.hand_path_base)
-        freeze_arrays(self, cov=(k, 6, 6), tolerance=(k, 3, 3), inside=(k,), hand_path_base=(n, 3), hand_speed=(n,))
+        freeze_arrays(
+            self,
+            cov=(k, 6, 6),
+            tolerance=(k, 3, 3),
+            inside=(k,),
+            off_rad=(k, 2),
+            hand_path_base=(n, 3),
+            hand_speed=(n,),
+        )

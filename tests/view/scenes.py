@@ -124,6 +124,7 @@ def replay(
         cov=cov,
         tolerance=np.tile(np.diag(tolerance_m**2), (len(labels), 1, 1)),
         inside=np.linspace(0.9, 0.6, len(labels)),
+        off_rad=np.zeros((len(labels), 2)),
         hand_path_base=path,
         hand_speed=np.linalg.norm(np.gradient(path, t, axis=0), axis=1),
         grasped=grasped,
@@ -176,4 +177,4 @@ def ur5_moves() -> ReplayScene:
         (0.293, -1.480, 1.818, -1.909, -1.571, -1.577),
     )
     arm = ur5()
-    return replay(arm, rest_to_rest(arm.joints, q, 1.2, np.ones(5)), ("", "", "", "", ""))
+    return replay(arm, rest_to_rest(arm.joints, q, 1.203, np.ones(5)), ("", "", "", "", ""))

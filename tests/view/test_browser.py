@@ -373,6 +373,19 @@ def test_a_long_label_pushes_no_column_out(replay: Replay) -> None:
         replay(table % "keyframes")
 
 
+def test_a_long_label_that_is_read_from_right_to_left_shows_its_beginning(replay: Replay) -> None:
+    first = """
+        const { page } = pbd, keyframes = page.replay.keyframes.map((k) => ({ ...k, grip: null, label: %s }));
+        const cell = new KeyframeTable(keyframes, () => {}).rows[1].cells[1], range = new Range();
+        range.setStart(cell.lastChild, 0);
+        range.setEnd(cell.lastChild, 1);
+        const [shown, letter] = [cell, range].map((each) => each.getBoundingClientRect());
+        page.keyframes = new KeyframeTable(page.replay.keyframes, (time) => page.player.seek(time));
+        page.stage.label(page.keyframes.labels, page.replay.keyframes.map((k) => k.p));
+        return letter.left >= shown.left && letter.right <= shown.right;"""
+    assert replay(first % '"\u05d0\u05d1\u05d2\u05d3 ".repeat(20)')
+
+
 def test_fingers_find_large_targets(replay: Replay) -> None:
     """Where the pointer is a finger every control is 40 pixels high and, on 360 and more, as wide."""
     sizes = """
@@ -490,11 +503,15 @@ def test_the_scene_turns_and_is_framed_again(replay: Replay) -> None:
     np.testing.assert_allclose(replay(place), at_first, atol=1e-6)
 
 
-def test_without_webgl_it_says_so(fox: Firefox, replay_file: Path) -> None:
+def test_without_webgl_it_says_so_and_has_all_but_the_scene(fox: Firefox, replay_file: Path) -> None:
     with fox.preference("webgl.disabled", True):
         fox.get(replay_file.as_uri())
-        until(lambda: "WebGL" in fox.execute_script("return document.body.innerText"), "a word of what is missing")
-    assert [error for error in fox.errors() if "this browser has no WebGL" not in error] == []
+        until(lambda: fox.execute_script("return window.pbd && pbd.ready"), "the page to start")
+        assert "This browser has no WebGL" in fox.execute_script("return document.body.innerText")
+        assert fox.execute_script("return document.querySelectorAll('#keyframes tbody tr').length") == 8
+        fox.press(Keys.END)
+        assert fox.execute_script("return document.getElementById('phase').textContent") == "at keyframe 7: away"
+    assert fox.errors() == []
 
 
 def test_it_plays_in_firefox(fox: Firefox, replay_file: Path, scene: ReplayScene) -> None:
@@ -515,7 +532,7 @@ UPPER = np.array([1.0, 1.0, 2.5, -1.0, np.inf, 3.0, 3.0])
 
 @pytest.fixture(scope="module")
 def odd_scene(scene: ReplayScene) -> ReplayScene:
-    """Contacts, labels that look like code, uncertain keyframes, a doubted stop, a joint without limits, a rail."""
+    """Contacts, labels that look like code, uncertain keyframes, a doubted stop, missed rotations, odd joints."""
     uncertain = np.diag([0.25, 1e-6, 1e-6, 1e-4, 1e-4, 1e-4])
     keyframes = tuple(
         replace(each, label=EVIL, weight=0.6 if k == 2 else 0.9) for k, each in enumerate(scene.keyframes)
@@ -524,7 +541,9 @@ def odd_scene(scene: ReplayScene) -> ReplayScene:
     in_the_way = scenes.in_the_way()
     robot = replace(scene.robot, limits=replace(scene.robot.limits, lower=LOWER, upper=UPPER))
     said = replace(in_the_way, title=EVIL, notes=(EVIL,), warnings=(EVIL, *in_the_way.warnings))
-    return replace(said, keyframes=keyframes, cov=cov, robot=robot, slides=(True, *[False] * 6))
+    off_rad = np.zeros((len(keyframes), 2))
+    off_rad[2] = np.radians((1.8, 2.3))
+    return replace(said, keyframes=keyframes, cov=cov, off_rad=off_rad, robot=robot, slides=(True, *[False] * 6))
 
 
 @pytest.fixture(scope="module")
@@ -587,6 +606,11 @@ def test_an_ellipsoid_that_would_hide_the_scene_is_not_drawn(odd: Replay, odd_sc
 def test_a_doubted_stop_has_a_question_mark(odd: Replay) -> None:
     for place in ("#keyframes button.doubted", "#labels button.doubted", "#numbers .doubted"):
         assert [each.text.split()[0] for each in odd.browser.find_elements(By.CSS_SELECTOR, place)] == ["2?"]
+
+
+def test_rotations_that_the_arm_misses_have_a_column(odd: Replay) -> None:
+    rows = odd("return [...element('keyframes').tBodies[0].rows].map((row) => row.cells[8].textContent)")
+    assert rows[1:3] == ["0.0", "2.3"]
 
 
 def test_switching_between_dark_and_light_takes_no_memory(odd: Replay) -> None:

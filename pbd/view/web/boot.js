@@ -72,5 +72,5 @@ async function boot() {
 
 boot().catch((error) => {
   console.error(error);
-  say(`The replay can't be shown: ${error.message}. Use a browser of 2023 or later with WebGL switched on.`);
+  say(`The replay can't be shown: ${error.message}. Use a browser of 2023 or later.`);
 });

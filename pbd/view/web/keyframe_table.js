@@ -2,11 +2,15 @@
 
 // The table of keyframes, and their numbers in the scene. A click on one sets the time to that keyframe.
 class KeyframeTable {
+  // Columns that only some tables have, and how they are written.
+  static more = { off: (rad) => digits((180 / Math.PI) * Math.max(...rad), 1), inside: (share) => digits(100 * share, 0) };
+
   constructor(keyframes, go) {
     this.keyframes = keyframes;
-    this.toleranced = keyframes.some((k) => k.inside !== null);
-    element("keyframes").classList.toggle("toleranced", this.toleranced);
-    this.labels = keyframes.map((k, i) => make("button", "", { title: this.title(i), tabIndex: -1, onclick: () => go(k.t), className: this.doubt(i) && "doubted" }));
+    this.more = Object.keys(KeyframeTable.more).filter((name) => keyframes.some((k) => k[name] !== null));
+    for (const name of Object.keys(KeyframeTable.more)) element(name).hidden = !this.more.includes(name);
+    element("keyframes").classList.toggle("crowded", this.more.length > 0);
+    this.labels = keyframes.map((k, i) => make("button", "", { title: this.title(i), tabIndex: -1, dir: "auto", onclick: () => go(k.t), className: this.doubt(i) && "doubted" }));
     this.rows = keyframes.map((k, i) => this.row(k, i, () => go(k.t)));
     element("labels").replaceChildren(...this.labels);
     element("keyframes").tBodies[0].replaceChildren(...this.rows);
@@ -41,14 +45,14 @@ class KeyframeTable {
     const row = make("tr", "", { onclick: go });
     const number = make("td");
     number.append(make("button", this.number(i), { ariaLabel: `Go to ${this.title(i)}`, title: this.title(i), className: this.doubt(i) && "doubted" }));
-    const name = make("td", this.name(i), { title: this.name(i) });
+    const name = make("td", this.name(i), { title: this.name(i), dir: "auto" });
     if (k.label && k.grip !== null) name.prepend(make("span", k.grip ? "▸◂ " : "◂▸ ", { className: "grip", title: k.grip ? "gripper closes" : "gripper opens" }));
     if (k.detour) name.prepend(make("span", "↷ ", { className: "detour", title: "the arm takes a detour to this keyframe, around an obstacle" }));
     const place = k.p.map((metres) => make("td", digits(100 * metres, 1)));
     const [metres, radians] = k.sigma ?? [];
     const sigma = k.sigma ? [digits(1000 * metres, 1), digits((180 / Math.PI) * radians, 1)] : ["", ""];
     row.append(number, name, make("td", digits(k.t, 2)), ...place, ...sigma.map((text) => make("td", text)));
-    if (this.toleranced) row.append(make("td", k.inside === null ? "" : digits(100 * k.inside, 0)));
+    row.append(...this.more.map((name) => make("td", k[name] === null ? "" : KeyframeTable.more[name](k[name]))));
     return row;
   }
 

@@ -9,8 +9,10 @@ class RenderQuality {
 
   constructor(THREE) {
     this.THREE = THREE;
-    this.slow = RenderQuality.software.test(RenderQuality.graphics());
-    this.renderer = new THREE.WebGLRenderer({ antialias: !this.slow, alpha: true });
+    const graphics = RenderQuality.graphics();
+    this.none = graphics === null;
+    this.slow = RenderQuality.software.test(graphics);
+    this.renderer = this.none ? RenderQuality.blank() : new THREE.WebGLRenderer({ antialias: !this.slow, alpha: true });
     this.renderer.outputEncoding = THREE.sRGBEncoding;
     this.renderer.shadowMap.enabled = true;
     this.renderer.shadowMap.type = THREE.PCFShadowMap;
@@ -20,13 +22,20 @@ class RenderQuality {
     this.fine = false; // whether the frame on the screen is fine
   }
 
+  // The graphics card's name; null without WebGL.
   static graphics() {
     const gl = document.createElement("canvas").getContext("webgl");
-    if (!gl) throw new Error("this browser has no WebGL");
+    if (!gl) return null;
     let name = gl.getParameter(gl.RENDERER);
     if (name === "WebKit WebGL") name = gl.getParameter(gl.getExtension("WEBGL_debug_renderer_info").UNMASKED_RENDERER_WEBGL);
     gl.getExtension("WEBGL_lose_context")?.loseContext();
     return name;
+  }
+
+  // What the viewer calls of a renderer, without a picture.
+  static blank() {
+    const nothing = () => {};
+    return { domElement: make("canvas"), shadowMap: {}, setSize: nothing, setPixelRatio: nothing, getPixelRatio: nothing, render: nothing };
   }
 
   resize(width, height) {

@@ -11,6 +11,8 @@ class SceneView {
     this.THREE = MeshCat.THREE;
     this.quality = new RenderQuality(this.THREE);
     pane.append(this.quality.renderer.domElement);
+    if (this.quality.none) pane.after(make("p", "This browser has no WebGL, so the scene isn't drawn: switch WebGL on.", { className: "message" }));
+    document.body.classList.toggle("no-scene", this.quality.none);
     this.viewer = new MeshCat.Viewer(pane, true, this.quality.renderer);
     for (const name of ["Lights", "Grid", "Axes"]) this.viewer.delete_path([name]);
     this.viewer.hide_background();
