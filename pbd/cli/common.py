@@ -35,11 +35,14 @@ if TYPE_CHECKING:
     from pbd.sensors.decoding import Decoder
 
 
-def load_demonstration(name: str | None) -> Demonstration:
-    """Load the demonstration of this name; without one load the newest, and say which it is, with a person's notes."""
+def load_demonstration(name: str | None, edited: bool = True) -> Demonstration:
+    """Load the demonstration of this name, with keyframes.toml if `edited`.
+
+    Without a name load the newest, and say which it is, with a person's notes.
+    """
     wanted = name or newest_demo()
     with working(f"reading {wanted}"):
-        demo = load_demo(wanted)
+        demo = load_demo(wanted, edited)
     if name is None:
         latest, notes = newest_demo(failed=True), f" ({demo.notes})" if demo.notes and not demo.bundled else ""
         newer = "" if latest == wanted else f"; the newer '{latest}' can't be replayed"

@@ -28,7 +28,7 @@ from pbd.cli.console import say
 from pbd.data import Demonstration, Keyframe, Robot, SensorEstimate
 from pbd.data.covariance import keyframe_sigmas
 from pbd.data.keyframe import thing_carriers
-from pbd.errors import RecordingError, UsageError, listed
+from pbd.errors import RecordingError, UsageError, listed, warn
 from pbd.files.keyframes import KEYFRAMES_FILE
 from pbd.files.keyframes_edit import set_frames
 from pbd.io.numbers import LARGEST_NUDGE_M
@@ -47,9 +47,7 @@ def run(args: argparse.Namespace) -> None:
     """Track, map to the robot's base if there is a calibration or a robot, and print."""
     if args.force and not args.save:
         raise UsageError("--force is for --save, which writes keyframes.toml: give both, or neither")
-    demo = load_demonstration(args.demo)
-    if args.force:
-        demo = replace(demo, keyframes=None)
+    demo = _load_recorded(args) if args.force else load_demonstration(args.demo)
     robot, calibration = (
         load_robot_and_calibration(args.robot, args.calibration) if args.robot else (None, named_calibration(args))
     )
@@ -97,6 +95,16 @@ def run(args: argparse.Namespace) -> None:
     if print_result(args, result, table, *(each for each in below if isinstance(each, Table))):
         for each in below:
             print(each) if isinstance(each, str) else print_table(each)
+
+
+def _load_recorded(args: argparse.Namespace) -> Demonstration:
+    """Load the demonstration without the keyframes of keyframes.toml, but with its touch-ups if they can be read."""
+    try:
+        return replace(load_demonstration(args.demo), keyframes=None)
+    except RecordingError as error:
+        demo = load_demonstration(args.demo, edited=False)
+        warn(f"{error.message}; its touch-ups, if there are any, are not used")
+        return demo
 
 
 def _add_base(args: argparse.Namespace, rows: Rows, placed: KeyframesInBase) -> list[str | Table]:

@@ -35,15 +35,16 @@ TRUTH_COLUMNS = ("t", "px", "py", "pz", "qw", "qx", "qy", "qz")
 Claim = TypeVar("Claim", Place, Contact)
 
 
-def load_demo(name: str | Path) -> Demonstration:
+def load_demo(name: str | Path, edited: bool = True) -> Demonstration:
     """Load a demonstration: a name (./demos, then the bundled ones), a folder, or a file that an importer knows.
 
     Raises:
-        RecordingError: none has that name (the valid names are listed), or it can't be read.
+        RecordingError: none has that name (the valid names are listed), or it can't be read: keyframes.toml too,
+            if `edited`.
     """
     path = find("demos", name, RecordingError)
     if path.is_dir():
-        return read_demo(path)
+        return read_demo(path, edited)
     from pbd.files.importers import import_file
 
     return import_file(path)
@@ -64,8 +65,8 @@ def newest_demo(failed: bool = False) -> str:
     return max(recorded)[1] if recorded else "pouring"
 
 
-def read_demo(folder: Path) -> Demonstration:
-    """Read a demonstration's folder; a RecordingError tells the file and, if known, line and column."""
+def read_demo(folder: Path, edited: bool = True) -> Demonstration:
+    """Read a demonstration's folder, with keyframes.toml if `edited`; a RecordingError tells file, line, column."""
     info, grip, optional = read_demo_toml(folder)
     if takes := optional["takes"]:
         recording = replace(takes[0].recording, info=info)
@@ -75,8 +76,8 @@ def read_demo(folder: Path) -> Demonstration:
     if os.path.lexists(truth := folder / "truth.csv"):
         values = read_table(truth).columns(*TRUTH_COLUMNS)
         optional["truth"] = Truth(values[:, 0], values[:, 1:4], values[:, 4:])
-    if os.path.lexists(edited := folder / KEYFRAMES_FILE):
-        optional |= {"keyframes": read_keyframes(edited), "touch_ups": read_touch_ups(edited)}
+    if edited and os.path.lexists(file := folder / KEYFRAMES_FILE):
+        optional |= {"keyframes": read_keyframes(file), "touch_ups": read_touch_ups(file)}
     return Demonstration(recording, folder=folder, **optional)
 
 

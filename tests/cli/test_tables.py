@@ -166,6 +166,15 @@ def test_saved_keyframes_are_used_edited_and_found_anew(tea: Path, capsys: pytes
     assert file.read_text(encoding="utf-8") == text
 
 
+def test_force_overwrites_a_file_that_cannot_be_read(tea: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tea / "keyframes.toml"
+    file.write_text("format = ", encoding="utf-8")
+    assert main(["keyframes", "tea", "--save", "--force"]) == 0
+    assert "its touch-ups, if there are any, are not used" in capsys.readouterr().err
+    assert (tea / "keyframes.toml.before").read_text(encoding="utf-8") == "format = "
+    assert len(keyframes_of(capsys)) > 2
+
+
 def test_a_robot_goes_to_the_edited_keyframes(tea: Path, capsys: pytest.CaptureFixture[str]) -> None:
     before = keyframes_of(capsys, "--robot", "panda")
     assert main(["keyframes", "tea", "--save"]) == 0
