@@ -214,7 +214,7 @@ def _facts(
             ("largest closure", f"{length_text(residual)}/s, at {stop_phrase(names[worst + 1])}"),
             ("largest sigma", f"{length_text(variance**0.5)}, at {stop_phrase(names[unsure])}"),
         ]
-    if error is not None:
+    if error is not None and len(stops) > 1:  # the first stop is where the error is zero
         off = np.linalg.norm(error[[stop.middle for stop in stops]], axis=1)
         if np.isfinite(off).any():
             worst, largest = _largest(off)

@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from pbd.data import Calibration, LinearErrors, SensorErrors, Truth
+from pbd.data import Calibration, LinearErrors, Recording, SensorErrors, Truth
 from pbd.pipeline import track
 from pbd.plots.demo_values import DemoValues, TruthValues, demo_values
 from pbd.pose import quat_about_z, quat_multiply, quat_rotate
@@ -107,6 +107,17 @@ def test_a_truth_that_ends_within_the_first_stop_has_no_largest_error(pouring: D
     values = demo_values(replace(path, tracking=tracking))
     assert values.truth is not None
     assert "largest error" not in dict(values.facts)
+
+
+def test_one_stop_has_no_largest_error(pouring: DemoValues) -> None:
+    """There the truth is aligned with it."""
+    demo, rest = pour(), slice(pouring.path.stops[0].stop)
+    whole = demo.recording
+    recording = Recording(whole.t[rest], whole.acc[rest], known(whole.gyr)[rest], info=whole.info)
+    alone = demo_values(track(replace(demo, recording=recording)))
+    assert len(alone.path.stops) == 1
+    assert alone.truth is not None
+    assert "largest error" not in dict(alone.facts)
 
 
 def test_a_path_that_was_not_tracked_has_no_values(pouring: DemoValues) -> None:
