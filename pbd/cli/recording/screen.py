@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import time
 from contextlib import suppress
 from typing import TYPE_CHECKING, Self
 
@@ -30,7 +31,7 @@ class PlainScreen:
 
     def __init__(self, title: str) -> None:
         self._title = title
-        self._shown_t = 0.0
+        self._shown_s = time.monotonic()  # of the host: a device's time may be in ms, by mistake
         self._bell = "\a" if sys.stderr.isatty() else ""
 
     def ask(self, question: str) -> None:
@@ -45,8 +46,8 @@ class PlainScreen:
             self._title = ""
         for message in status.messages:
             _print(f"{message.t:7.1f} s  {message.text}{self._bell if message.bell else ''}")
-        if status.t - self._shown_t >= PLAIN_EVERY_S:
-            self._shown_t = status.t
+        if time.monotonic() - self._shown_s >= PLAIN_EVERY_S:
+            self._shown_s = time.monotonic()
             _print(f"{status.t:7.1f} s  {state(status)}; {health(status)}")
 
 
