@@ -9,8 +9,10 @@ import numpy as np
 from rich.table import Table
 
 from pbd.data import HandPath, Keyframe
-from pbd.fusion.matching import Keyframes, match_by_moves
-from pbd.pose import Array, Pose, level_onto, quat_inverse, quat_log, quat_multiply, quat_to_matrix
+from pbd.errors import in_degrees, listed
+from pbd.fusion.matching import MATCH_M, Keyframes, align_takes, match_by_moves
+from pbd.fusion.tables import ALIKE_RAD
+from pbd.pose import Array, Pose, level_onto, matrix_log, quat_inverse, quat_log, quat_multiply, quat_to_matrix
 from pbd.tracking.smoother.attitude import mean_quaternion
 from pbd.view.terminal_tables import make_table
 from pbd.view.units import Units
@@ -68,7 +70,8 @@ class Comparison:
 
     Attributes:
         by_order: whether keyframes were matched by their order only; else by the moves between them and the grip.
-        remarks: which keyframes are missing in a demonstration, or are only in one, in words.
+        remarks: which keyframes are missing in a demonstration, or are only in one, and in which the sensor was turned
+            in the hand, in words.
     """
 
     demos: tuple[AlignedDemo, ...]
@@ -106,7 +109,8 @@ def compare(demos: Sequence[Tracked]) -> Comparison:
     partners = [_partners(comparable[reference], own) for own in comparable]
     shown = tuple(_aligned(*demo, T, partner) for demo, T, partner in zip(demos, aligned, partners, strict=True))
     spreads = [_spread([partner[k] for partner in partners], poses, covs) for k in range(counts[reference])]
-    return Comparison(shown, tuple(spreads), len(usual) == 1, tuple(_remarks(demos, partners, reference)))
+    remarks = [*_remarks(demos, partners, reference), *_turned(demos, comparable)]
+    return Comparison(shown, tuple(spreads), len(usual) == 1, tuple(remarks))
 
 
 def _partners(reference: Keyframes, other: Keyframes) -> tuple[int | None, ...]:
@@ -174,6 +178,18 @@ def _remarks(demos: Sequence[Tracked], partners: Sequence[Sequence[int | None]],
             many, s = ("one more stop", "") if len(more) == 1 else (f"{len(more)} more stops", "s")
             remarks.append(f"{name} has {many}, its keyframe{s} {', '.join(more)}: left out")
     return remarks
+
+
+def _turned(demos: Sequence[Tracked], comparable: Sequence[Keyframes]) -> list[str]:
+    """Say in which demonstrations the sensor was turned in the hand, where a move aside shows that."""
+    turned = [
+        f"{demos[k][0]} by {in_degrees(turn)}"
+        for k, one in align_takes(comparable).registered.items()
+        if (turn := float(np.linalg.norm(matrix_log(one.Q)))) > ALIKE_RAD
+        and np.ptp(comparable[k].p[:, :2], axis=0).max() > MATCH_M
+    ]
+    compares = "each seems to go elsewhere; `pbd fuse --plot` compares such takes"
+    return [f"the sensor was turned in the hand: {listed(turned)}; {compares}"] if turned else []
 
 
 # --- for the terminal and for programs ---

@@ -130,6 +130,15 @@ def test_a_missing_and_an_extra_stop_are_reported(tracked: list[Tracked]) -> Non
     )
 
 
+def test_a_sensor_turned_in_the_hand_is_said(tracked: list[Tracked]) -> None:
+    name, path, keyframes = tracked[1]
+    quarter = Pose.from_rpy(np.zeros(3), (0.0, 0.0, 0.5 * np.pi))
+    turned = name, path, [replace(each, T_nav_sensor=each.T_nav_sensor @ quarter) for each in keyframes]
+    assert compare(tracked).remarks == ()
+    (remark,) = compare([tracked[0], turned, tracked[2]]).remarks
+    assert "turned in the hand: tea 1 by 90 degrees;" in remark
+
+
 # --- shown ---
 
 
