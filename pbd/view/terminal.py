@@ -85,7 +85,7 @@ def standard_streams() -> Iterator[None]:
         sys.stdin = sys.stdin or nowhere("r")
         stdout, stderr = sys.stdout or nowhere("w"), sys.stderr or nowhere("w")
         if isinstance(stdout, io.TextIOWrapper):
-            stdout.reconfigure(errors="replace")  # a terminal without a sigma shows a question mark
+            stdout.reconfigure(errors="replace")  # a character that the terminal lacks is a question mark
         sys.stdout = cast(TextIO, SafeStream(stdout, needed=True))
         sys.stderr = cast(TextIO, SafeStream(stderr, needed=False))
         try:

@@ -28,6 +28,9 @@ PIPE_WIDTH = 200
 COLUMN_GAP, NARROW_GAP = 3, 2
 """Characters between two columns of a table, and of one that is made narrow for the terminal."""
 
+SPELLED = str.maketrans({"σ": "sigma", "°": "deg", "±": "+-", "─": "-"})
+"""Signs, and their spelling for a stream without one of them."""
+
 
 def print_csv(*tables: Table) -> None:
     """Print tables of the same rows side by side, as one; the row's number, their first column, is printed once."""
@@ -40,6 +43,8 @@ def print_csv(*tables: Table) -> None:
 def print_table(table: Table, stream: TextIO | None = None) -> None:
     """Print to stdout (or `stream`), in colour only at a terminal. A table wider than the terminal continues below."""
     stream = stream or sys.stdout
+    for column in table.columns:
+        column.header = _writable(str(column.header), stream)
     if stream.isatty():
         console = SafeConsole(stream)
         for k, part in enumerate(_fitting(table, console.width)):
@@ -47,7 +52,15 @@ def print_table(table: Table, stream: TextIO | None = None) -> None:
         return
     text = StringIO()
     SafeConsole(text, width=PIPE_WIDTH).print(table)
-    print("\n".join(line.rstrip() for line in text.getvalue().splitlines()), file=stream)
+    print(_writable("\n".join(line.rstrip() for line in text.getvalue().splitlines()), stream), file=stream)
+
+
+def _writable(text: str, stream: TextIO) -> str:
+    try:
+        text.encode(stream.encoding or "utf-8")
+    except UnicodeEncodeError:
+        return text.translate(SPELLED)
+    return text
 
 
 def _fitting(table: Table, width: int) -> list[Table]:

@@ -3,6 +3,7 @@
 import contextlib
 import csv
 import fcntl
+import io
 import itertools
 import json
 import os
@@ -24,7 +25,7 @@ from pbd.cli import main
 from pbd.data import Keyframe
 from pbd.files.robot import load_robot
 from pbd.pose import Pose
-from pbd.view.terminal_tables import joints_table, keyframes_table
+from pbd.view.terminal_tables import joints_table, keyframes_table, make_table, print_table
 from pbd.view.units import ANGLES, LENGTHS, Units, parse_units
 
 
@@ -148,6 +149,18 @@ def test_a_sliding_joint_is_a_length() -> None:
     table = joints_table(("rail", "wrist"), rows, Units(length="cm"), (True, False))
     shown = {str(column.header): list(column.cells) for column in table.columns[4:]}
     assert shown == {"rail (cm)": ["25.0"], "wrist (°)": ["180.0"]}
+
+
+def test_signs_are_spelled_where_the_output_lacks_them() -> None:
+    written = io.BytesIO()
+    with io.TextIOWrapper(written, "ascii") as stream:
+        print_table(make_table("roll (°)", "σ (mm)", rows=[("1.0", "2.0")]), stream)
+        stream.flush()
+        assert written.getvalue().decode().splitlines() == [
+            "roll (deg)   sigma (mm)",
+            "-----------------------",
+            "       1.0          2.0",
+        ]
 
 
 def test_saved_keyframes_are_used_edited_and_found_anew(tea: Path, capsys: pytest.CaptureFixture[str]) -> None:
