@@ -187,6 +187,10 @@ def test_buttons_and_switches(replay: Replay, scene: ReplayScene) -> None:
     assert not replay('return pbd.page.stage.node("pbd", "hand_path").visible')
     path.click()
     assert replay('return pbd.page.stage.node("pbd", "hand_path").visible')
+    (thing,) = (row for row in replay.browser.find_elements(By.CSS_SELECTOR, "#legend label") if "object" in row.text)
+    thing.click()
+    assert not replay('return pbd.page.stage.node("pbd", "object").visible')
+    thing.click()
 
 
 def test_seeking_on_the_time_axis_and_in_the_plot(replay: Replay, scene: ReplayScene) -> None:
@@ -501,6 +505,11 @@ def test_the_scene_turns_and_is_framed_again(replay: Replay) -> None:
     assert np.linalg.norm(np.subtract(replay(place), at_first)) > 0.1
     press(replay, "v")
     np.testing.assert_allclose(replay(place), at_first, atol=1e-6)
+    angle = "return pbd.page.stage.viewer.controls.getAzimuthalAngle()"
+    before = replay(angle)
+    press(replay, "e")
+    assert np.degrees(replay(angle) - before) == pytest.approx(15.0)
+    press(replay, "v")
 
 
 def test_without_webgl_it_says_so_and_has_all_but_the_scene(fox: Firefox, replay_file: Path) -> None:

@@ -18,6 +18,7 @@ class Legend {
       ...(unsure ? [["two_sigma", `uncertainty, 2 σ${hidden}`, "var(--unsure)", this.magnifier()]] : []),
       ...(stage.nodesNamed("tolerance").length ? [["tolerance", "tolerance", "var(--tolerance)"]] : []),
       ...(stage.nodesNamed("placeholder").length ? [["placeholder", "the tool", "rgb(140 148 160 / 0.6)"]] : []),
+      ...(stage.nodesNamed("object").length ? [["object", "grasped object", "#298c87"]] : []),
       ...(obstacles.length ? [["obstacles", obstacles.join(", "), "#9e8c78"]] : []),
     ];
     element("switches").replaceChildren(...rows.map((row) => this.row(...row)));

@@ -157,6 +157,14 @@ class SceneView {
     controls.enableDamping = true;
   }
 
+  // Turns the camera about the vertical through its target, as a drag does.
+  turn(radians) {
+    this.framed = false;
+    const { controls } = this.viewer;
+    this.camera.position.sub(controls.target).applyAxisAngle(this.camera.up, radians).add(controls.target);
+    this.viewer.set_dirty();
+  }
+
   // --- labels ---
 
   // Puts elements a little above points in base. An element follows a vector that changes.
