@@ -1,10 +1,9 @@
 """Roll, pitch and yaw from a device's own attitude. Plain floats: numpy is too slow for one sample at a time."""
 
-from math import asin, atan2, pi, remainder
+from math import asin, atan2, copysign, pi, remainder
 
 from pbd.sensors.decoding import Triple
 
-HALF_PI = pi / 2.0
 SINGULAR_SINE = 1.0 - 1e-14
 """Sine of the pitch above which the attitude counts as gimbal lock, as in `pbd.pose.quat_to_rpy` for arrays."""
 
@@ -19,7 +18,7 @@ def rpy_from_quaternion(w: float, x: float, y: float, z: float) -> Triple:
     ww, xx, yy, zz = w * w, x * x, y * y, z * z
     sine = 2.0 * (w * y - z * x) / (ww + xx + yy + zz)
     if abs(sine) > SINGULAR_SINE:  # gimbal lock: roll and yaw are about the same axis, so yaw is set to zero
-        return 2.0 * atan2(x, w), HALF_PI if sine > 0.0 else -HALF_PI, 0.0
+        return 2.0 * atan2(x, w), copysign(pi / 2.0, sine), 0.0
     roll = atan2(2.0 * (w * x + y * z), ww - xx - yy + zz)
     return roll, asin(sine), atan2(2.0 * (w * z + x * y), ww + xx - yy - zz)
 
@@ -27,7 +26,7 @@ def rpy_from_quaternion(w: float, x: float, y: float, z: float) -> Triple:
 def from_north_west_up(rpy: Triple) -> Triple:
     """Convert an attitude in north-west-up to east-north-up: yaw grows by a quarter turn. All angles in rad."""
     roll, pitch, yaw = rpy
-    return roll, pitch, wrap_angle(yaw + HALF_PI)
+    return roll, pitch, wrap_angle(yaw + pi / 2.0)
 
 
 def from_north_east_down(rpy: Triple) -> Triple:
@@ -36,4 +35,4 @@ def from_north_east_down(rpy: Triple) -> Triple:
     Half a turn of both frames about their x axes flips the signs of pitch and yaw and gives north-west-up.
     """
     roll, pitch, yaw = rpy
-    return roll, -pitch, wrap_angle(HALF_PI - yaw)
+    return roll, -pitch, wrap_angle(pi / 2.0 - yaw)

@@ -25,9 +25,6 @@ from pbd.sensors.decoding import PacketDecoder, Sample, Triple, scaled
 LARGEST_G = 20.0
 """Largest plausible acceleration along an axis, g. No OceanServer compass measures more than 8 g."""
 
-LARGEST_DEG = (180.0, 90.0, 360.0)
-"""Largest roll, pitch and heading, degrees."""
-
 _SENTENCE = re.compile(rb"\$([^$*\r\n]{1,250})\*([0-9A-Fa-f]{2})")
 _INCOMPLETE = re.compile(rb"\$[^$*\r\n]{0,250}(\*[0-9A-Fa-f]?)?")
 _NUMBER = rb"[-+]?(?:\d+(?:\.\d*)?|\.\d+)"
@@ -73,7 +70,7 @@ def _sample(body: bytes) -> Sample | None:
     angles = _vector(values, b"R", b"P", b"C")
     if acc is not None and max(map(abs, acc)) > LARGEST_G:
         raise ValueError("an acceleration out of range")
-    if angles is not None and not all(map(le, map(abs, angles), LARGEST_DEG)):
+    if angles is not None and not all(map(le, map(abs, angles), (180.0, 90.0, 360.0))):  # roll, pitch, heading
         raise ValueError("an angle out of range")
     if acc is None and mag is None and angles is None:
         return None

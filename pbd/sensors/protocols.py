@@ -50,17 +50,8 @@ class WireProtocol:
         return self.rate_commands[int(rate_hz)]
 
 
-OS5000_RATES = {hz: (b"\x1bR%d " % hz,) for hz in range(1, 41)}
-"""ESC R n and a space (Users Guide, command summary: 1 to 40 samples a second)."""
-
-_WITMOTION_CODES = {1: 0x03, 2: 0x04, 5: 0x05, 10: 0x06, 20: 0x07, 50: 0x08, 100: 0x09, 200: 0x0B}
+WITMOTION_CODES = {1: 0x03, 2: 0x04, 5: 0x05, 10: 0x06, 20: 0x07, 50: 0x08, 100: 0x09, 200: 0x0B}
 """Rate in Hz -> value of register RRATE, where the maker's data sheets agree. (One has 0x0A for 125 Hz.)"""
-
-WITMOTION_RATES = {
-    hz: (b"\xff\xaa\x69\x88\xb5", bytes((0xFF, 0xAA, 0x03, code, 0x00)), b"\xff\xaa\x00\x00\x00")
-    for hz, code in _WITMOTION_CODES.items()
-}
-"""Unlock, write register 3, save (WIT Standard Communication Protocol: FF AA, register, low byte, high byte)."""
 
 PROTOCOLS: Mapping[str, WireProtocol] = {
     "os5000": WireProtocol(
@@ -68,14 +59,19 @@ PROTOCOLS: Mapping[str, WireProtocol] = {
         decoder_path="os5000:OS5000Decoder",
         bauds=(19200, 38400, 115200, 57600, 9600, 4800),
         gives="acceleration, field, heading, pitch, roll",
-        rate_commands=OS5000_RATES,
+        # ESC R n and a space (Users Guide, command summary: 1 to 40 samples a second)
+        rate_commands={hz: (b"\x1bR%d " % hz,) for hz in range(1, 41)},
     ),
     "witmotion": WireProtocol(
         title="WitMotion WT901, JY901, HWT905, WT61, WT901BLE",
         decoder_path="witmotion:WitMotionDecoder",
         bauds=(9600, 115200, 230400, 921600, 57600, 38400, 19200),
         gives="acceleration, gyro, attitude; field (not the WT61, WT901BLE)",
-        rate_commands=WITMOTION_RATES,
+        # unlock, write register 3, save (WIT Standard Communication Protocol: FF AA, register, low byte, high byte)
+        rate_commands={
+            hz: (b"\xff\xaa\x69\x88\xb5", bytes((0xFF, 0xAA, 0x03, code, 0x00)), b"\xff\xaa\x00\x00\x00")
+            for hz, code in WITMOTION_CODES.items()
+        },
     ),
     "ximu3": WireProtocol(
         title="x-io x-IMU3",

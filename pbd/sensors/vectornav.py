@@ -76,9 +76,6 @@ FIELDS_READ = {
 VALUE_FORMATS = {"time": ("Q", 1), "quat": ("4f", 4)}
 """Struct format and number of values of a quantity; the others are three floats."""
 
-HEADER_BYTES = tuple(1 + 2 * groups.bit_count() for groups in range(256))
-"""Value of the byte that names the groups -> number of bytes in it and in the masks that follow it."""
-
 _SENTENCE = re.compile(rb"\$(VN(RRG,\d\d|[A-Z]{3})([ -#%-)+-~]*))\*([0-9A-Fa-f]{4}|[0-9A-Fa-f]{2})\r?\n")
 _FIELDS = re.compile(rb"((?:,[+-]?\d{1,9}(?:\.\d{1,12})?)*)(?:,[A-Z].*)?")
 
@@ -119,8 +116,9 @@ class VectorNavDecoder(PacketDecoder):
         return end + 1 - at
 
     def _binary(self, data: bytes, at: int, samples: list[Sample]) -> int:
-        fields_at = at + 1 + HEADER_BYTES[data[at + 1]] if len(data) > at + 1 else len(data) + 1
-        if fields_at > len(data):
+        groups = data[at + 1 : at + 2]
+        fields_at = at + 2 + 2 * int.from_bytes(groups).bit_count()  # a mask of two bytes for each group
+        if not groups or fields_at > len(data):
             return 0
         layout = _packet_layout(data[at + 1 : fields_at])
         if layout is None:

@@ -26,15 +26,10 @@ from pbd.data.units import DEG, GRAVITY
 from pbd.sensors.attitude import rpy_from_quaternion
 from pbd.sensors.decoding import PacketDecoder, Sample, Triple, scaled
 
-ACC_PER_COUNT = 16.0 * GRAVITY / 32768.0
-GYR_PER_COUNT = 2000.0 / 32768.0 * DEG
-ANGLE_PER_COUNT = pi / 32768.0
-"""m/s2, rad/s and rad for one count."""
-
 NORM_TOLERANCE = 0.02
 """Largest deviation of a quaternion's norm from 1. The device sends zeros before its filter runs."""
 
-UNITS = {0x51: ACC_PER_COUNT, 0x52: GYR_PER_COUNT, 0x53: ANGLE_PER_COUNT, 0x54: 1.0}
+UNITS = {0x51: 16.0 * GRAVITY / 32768.0, 0x52: 2000.0 / 32768.0 * DEG, 0x53: pi / 32768.0, 0x54: 1.0}
 """Type of a packet -> unit of its counts: m/s2, rad/s, rad, and the device's own for the field."""
 
 QUATERNION = 0x59

@@ -14,7 +14,7 @@ from pbd.cli import main, parser
 from pbd.cli.commands import EPILOG
 from pbd.data import GRAVITY, Recording
 from pbd.files.demo import write_demo
-from pbd.sensors.witmotion import ACC_PER_COUNT, GYR_PER_COUNT
+from pbd.sensors.witmotion import UNITS
 from pbd.simulation.simulate import simulate
 from tests.arm.test_own_robot import own_toml, own_urdf
 from tests.files.test_import_witmotion import DIALECTS, written
@@ -89,7 +89,7 @@ def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "robots" / "mine.urdf").write_text(own_urdf(), encoding="utf-8")
     (folder / "robots" / "mine.toml").write_text(own_toml(), encoding="utf-8")
     assert recording.gyr is not None
-    counts = np.rint(np.hstack((recording.acc / ACC_PER_COUNT, recording.gyr / GYR_PER_COUNT))).astype(int).tolist()
+    counts = np.rint(np.hstack((recording.acc / UNITS[0x51], recording.gyr / UNITS[0x52]))).astype(int).tolist()
     groups = (witmotion.group({witmotion.ACC: row[:3], witmotion.GYR: row[3:]}) for row in counts)
     (folder / "demos" / "tea" / "raw.bin").write_bytes(b"".join(groups))
     with pytest.MonkeyPatch.context() as patch:
