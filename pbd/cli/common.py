@@ -18,7 +18,7 @@ from pbd.data.one_line_repr import counted
 from pbd.errors import RecordingError, SensorError, UsageError, listed
 from pbd.files.calibration import load_calibration
 from pbd.files.demo import demo_folder, load_demo, newest_demo, write_demo
-from pbd.files.find_by_name import bundled, bundled_names
+from pbd.files.find_by_name import bundled, names
 from pbd.files.keyframes import KEYFRAMES_FILE, write_keyframes
 from pbd.files.why_set_aside import is_set_aside
 from pbd.io.atomic import atomic_file, is_file, refuse_file
@@ -62,7 +62,8 @@ def without_aside(names: Sequence[str]) -> list[str]:
 def say_if_hiding_bundled(folder: Path) -> None:
     """Say so if the demonstration in this folder hides a bundled one of its name."""
     hidden = bundled("demos") / folder.name
-    if folder.parent == Path("demos") and folder.name in bundled_names("demos") and folder.resolve() != hidden:
+    known = names("demos", bundled("demos"))
+    if folder.parent == Path("demos") and folder.name in known and folder.resolve() != hidden:
         say(f"{folder} hides the bundled demonstration of that name")
 
 

@@ -17,14 +17,10 @@ def bundled(kind: str) -> Path:
     return inside if inside.is_dir() else package.parent / kind
 
 
-def names(kind: str) -> list[str]:
-    """List all names of a kind, sorted."""
-    return sorted({*_names(Path(kind), kind), *bundled_names(kind)})
-
-
-def bundled_names(kind: str) -> list[str]:
-    """List the names that come with pbd."""
-    return _names(bundled(kind), kind)
+def names(kind: str, *folders: Path) -> list[str]:
+    """List the names of a kind in these folders, sorted; by default in the user's own and the bundled one."""
+    entries = (entry for folder in folders or (Path(kind), bundled(kind)) for entry in _entries(folder, kind))
+    return sorted({entry.name.removesuffix(SUFFIXES[kind]) for entry in entries})
 
 
 def find(kind: str, name: str | Path, error: type[PbdError]) -> Path:
@@ -52,10 +48,6 @@ def find(kind: str, name: str | Path, error: type[PbdError]) -> Path:
         raise error(f"{name} is a folder: give a name, or a file; {known}", value=name, valid=valid)
     known = f"nor a file or folder of that path; {known}"
     raise error(f"no {what} named '{name}' in ./{kind}, {known}", value=name, valid=valid)
-
-
-def _names(folder: Path, kind: str) -> list[str]:
-    return [entry.name.removesuffix(SUFFIXES[kind]) for entry in _entries(folder, kind)]
 
 
 def _entries(folder: Path, kind: str) -> list[Path]:

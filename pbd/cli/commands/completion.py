@@ -67,14 +67,13 @@ def _arguments(parser: argparse.ArgumentParser) -> Iterator[argparse.Action]:
 
 def _bundled() -> dict[str, Sequence[str]]:
     """Return the name of a shell function -> the bundled names that complete its argument."""
-    from pbd.files.find_by_name import bundled_names
+    from pbd.files.find_by_name import bundled, names
     from pbd.sensors.protocols import PROTOCOLS
     from pbd.simulation.simulate import CALIBRATION_TASKS, SENSOR_MODELS, TASKS
 
     return {
-        "demos": bundled_names("demos"),
-        "robots": bundled_names("robots"),
-        "calibrations": bundled_names("calibration"),
+        **{kind: names(kind, bundled(kind)) for kind in ("demos", "robots")},
+        "calibrations": names("calibration", bundled("calibration")),
         "sensors": ["sim", *PROTOCOLS],
         "tasks": [*TASKS, *CALIBRATION_TASKS],
         "models": list(SENSOR_MODELS),
