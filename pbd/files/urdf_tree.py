@@ -20,11 +20,7 @@ from pbd.io.urdf import LONGEST_M, read_urdf_xml, read_xml
 ACTUATED = ("revolute", "continuous", "prismatic")
 """Types of joints with one degree of freedom."""
 
-RESERVED_NAME = "universe"
-"""Pinocchio's name for the frame of the world; it finds no other link or joint of that name."""
 JOINT_TYPES = (*ACTUATED, "fixed", "floating", "planar")
-NO_LIMITS = {"lower": -math.inf, "upper": math.inf}
-"""Keys of a <limit>'s positions -> the limits of a joint that has none."""
 
 
 @dataclass(frozen=True)
@@ -145,8 +141,8 @@ def _check_tree(path: Path, links: Sequence[str], joints: Sequence[UrdfJoint]) -
     ):
         if twice := next((name for name, count in Counter(names).items() if count > 1), None):
             raise RobotError.at(path, what.format(repr(twice)))
-    if RESERVED_NAME in (*links, *known):
-        raise RobotError.at(path, f"a link or joint is named {RESERVED_NAME!r}, as pinocchio's own frame is; rename it")
+    if "universe" in (*links, *known):  # pinocchio's frame of the world: it finds no other of that name
+        raise RobotError.at(path, "a link or joint is named 'universe', as pinocchio's own frame is; rename it")
     for joint in joints:
         for link in (joint.parent, joint.child):
             if link not in links:
@@ -182,7 +178,8 @@ def _joint(path: Path, element: ET.Element) -> UrdfJoint:
     if wrong or parent is None or child is None:
         raise RobotError.at(path, f"joint {name!r} {wrong}", joint=name)
     limits = {} if limit is None else limit.attrib
-    lower, upper = (float(limits.get(key, 0.0)) if bounded else end for key, end in NO_LIMITS.items())
+    ends = {"lower": -math.inf, "upper": math.inf}
+    lower, upper = (float(limits.get(key, 0.0)) if bounded else end for key, end in ends.items())
     soft = element.find("safety_controller")
     if bounded and soft is not None and {"soft_lower_limit", "soft_upper_limit"} <= soft.attrib.keys():
         lower = max(lower, float(soft.attrib["soft_lower_limit"]))

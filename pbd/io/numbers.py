@@ -23,8 +23,6 @@ DATE_ORDERS = ("ymd", "dmy", "mdy", "ydm")
 """Orders of year, month and day in a date. If several fit equally well, the first is taken."""
 LARGEST_NUDGE_M = 0.5
 """Largest nudge or tolerance along an axis, m. A larger one was probably meant in millimetres."""
-YEAR_2000_DAY = date(2000, 1, 1).toordinal()
-"""Ordinal of the day from which dates count."""
 
 
 def number(text: str) -> float:
@@ -101,4 +99,4 @@ def _day(parts: Sequence[str | None], order: str) -> int:
     if named["m"].isalpha():
         named["m"] = str(_MONTHS.index(named["m"].lower()) + 1)
     year, month, day = map(int, named.values())
-    return date(year + 2000 * (year < 100), month, day).toordinal() - YEAR_2000_DAY
+    return (date(year + 2000 * (year < 100), month, day) - date(2000, 1, 1)).days

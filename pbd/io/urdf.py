@@ -20,6 +20,7 @@ from pbd.io.atomic import is_file
 from pbd.io.meshes import mesh_file
 from pbd.io.numbers import finite_list
 from pbd.io.read_file import read_bytes
+from pbd.io.toml import LARGEST_NUMBER
 from pbd.pose import Pose
 
 MOST_BYTES = 100_000_000
@@ -36,9 +37,6 @@ MOST_SHAPES = 2000
 
 LONGEST_M = 100.0
 """Largest coordinate of an <origin>, and largest size of a shape, m."""
-
-LARGEST_NUMBER = 1e9
-"""Largest angle, mass or scale, in SI units."""
 
 LARGEST_LIMIT = 1e20
 """Largest limit of a joint, in SI units. Some URDFs write 1e16 for "no limit"."""

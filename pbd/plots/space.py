@@ -27,8 +27,6 @@ TRIAD_SHARE = 0.1
 """Length of a triad's axes, as a share of the path's extent."""
 MAX_NUMBERED = 100
 """Largest number of keyframes that get a number, triad and ellipse. Of more, every second (third, ...) gets them."""
-ELEVATION, AZIMUTH = 26.0, -164.0
-"""Direction of view, degrees: from behind, above and slightly right, so that x points away and y to the left."""
 
 
 def fit_3d(ax: Axes3D, shown: Sequence[Array], around: Array | None = None) -> float:
@@ -46,7 +44,7 @@ def fit_3d(ax: Axes3D, shown: Sequence[Array], around: Array | None = None) -> f
     ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
     ax.set(xlabel=f"x ({unit})", ylabel=f"y ({unit})", zlabel=f"z ({unit})")
     ax.set_proj_type("ortho")
-    ax.view_init(ELEVATION, AZIMUTH)
+    ax.view_init(26.0, -164.0)  # from behind, above and slightly right, so that x points away and y to the left
     ax.set_box_aspect(tuple((sides / sides.max()).tolist()), zoom=1.05)
     for axis, side in zip((ax.xaxis, ax.yaxis, ax.zaxis), sides / sides.max(), strict=True):
         axis.set_major_locator(MaxNLocator(max(2, round(5.0 * side))))
