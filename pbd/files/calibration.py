@@ -12,7 +12,6 @@ from pbd.files.find_by_name import find
 from pbd.io.toml import Section, read_toml
 from pbd.pose import Array, Pose
 
-FORMAT = 1
 FULL_TURN_DEG = 360.0
 """Largest magnitude of a roll, pitch, yaw or angle tolerance in a file, degrees."""
 
@@ -34,7 +33,7 @@ def read_calibration(path: Path) -> Calibration:
 
 def parse_calibration(top: Section) -> Calibration:
     """Make a calibration of a file's top level; raises as `read_calibration`."""
-    top.require_format(FORMAT)
+    top.require_format()
     if "dock" in top and "nav" in top:
         top.fail("dock", "and [nav] can't both be given", next_step="remove one")
     dock, nav = top.section("dock", None), top.section("nav", None)

@@ -12,11 +12,11 @@ from tomlkit.items import Comment, Table, Whitespace
 
 from pbd.data import Calibration, SensorErrors
 from pbd.errors import CalibrationError
-from pbd.files.calibration import FORMAT, parse_calibration, read_calibration
+from pbd.files.calibration import parse_calibration, read_calibration
 from pbd.files.find_by_name import bundled
 from pbd.io.atomic import write_text
 from pbd.io.read_file import read_text
-from pbd.io.toml import parse_toml
+from pbd.io.toml import FORMAT, parse_toml
 from pbd.pose import Array, Pose, quat_to_rpy
 
 HEADER = "Made by `pbd calibrate`; docs/calibration.md explains each part, calibration/default.toml each key."

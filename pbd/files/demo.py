@@ -21,10 +21,9 @@ from pbd.files.keyframes import KEYFRAMES_FILE, read_keyframes, read_touch_ups
 from pbd.files.table import Table, read_table, write_table
 from pbd.files.why_set_aside import is_set_aside, why_kept
 from pbd.io.atomic import atomic_folder, is_file, is_folder, may_write, refuse_folder, refuse_name
-from pbd.io.toml import Section, instant_of, read_toml
+from pbd.io.toml import FORMAT, Section, instant_of, read_toml
 from pbd.pose import Array
 
-FORMAT = 1
 UNDATED = "0001-01-01"
 """Date that stands for a missing one. Demonstrations without a date come after those with one."""
 RATE_BOUNDS_HZ = (1e-6, 1e6)
@@ -85,7 +84,7 @@ def read_demo_toml(folder: Path) -> tuple[RecordingInfo, tuple[GripEvent, ...], 
     """Read demo.toml alone: the recording's info, the grip's events, and other arguments of `Demonstration`."""
     _refuse_without(folder, "demo.toml")
     top = read_toml(folder / "demo.toml", RecordingError)
-    top.require_format(FORMAT)
+    top.require_format()
     top.text("name")  # the folder's name is used: a copy has another one
     info = RecordingInfo(
         name=utf8_name(os.path.basename(os.path.abspath(folder))),  # noqa: PTH100, PTH119 (a link's own name, "." too)

@@ -15,10 +15,9 @@ from pbd.files.calibration import FULL_TURN_DEG, read_pose
 from pbd.io.atomic import write_text
 from pbd.io.made_by_pbd import sealed
 from pbd.io.numbers import LARGEST_NUDGE_M
-from pbd.io.toml import Section, read_toml
+from pbd.io.toml import FORMAT, Section, read_toml
 from pbd.pose import quat_to_rpy
 
-FORMAT = 1
 KEYFRAMES_FILE = "keyframes.toml"
 GRIPS = {"closes": True, "opens": False}
 """Words for `Keyframe.grip`."""
@@ -157,7 +156,7 @@ def read_keyframes(path: Path) -> tuple[Keyframe, ...]:
 
 def parse_keyframes(top: Section) -> tuple[Keyframe, ...]:
     """Make keyframes of a file's top level; raises as `read_keyframes`."""
-    top.require_format(FORMAT)
+    top.require_format()
     tables = top.tables("keyframe")
     keyframes = tuple(map(_read_keyframe, tables))
     touch_ups = [(table, _read_touch_up(table)) for table in top.tables("touch_up")]

@@ -24,8 +24,6 @@ from pbd.io.meshes import mesh_places
 from pbd.io.toml import Section, read_toml
 from pbd.pose import Array
 
-FORMAT = 1
-
 WIDEST_RANGES = {
     "revolute": (10.0 * np.pi, "turns", "rad", "degrees", "make the joint continuous"),
     "prismatic": (REACH_M, "metres", "m", "mm", "give it some"),
@@ -60,7 +58,7 @@ def read_robot(path: Path, *, draft: bool = False) -> Robot:
     if path.suffix.lower() in (".urdf", ".xacro"):
         raise RobotError(f"{path}: a URDF needs a TOML beside it: docs/robots.md, 'Add an arm'", path=path)
     top = read_toml(path, RobotError)
-    top.require_format(FORMAT)
+    top.require_format()
     name, description, notes = top.text("name"), top.text("description"), top.texts("notes", ())
 
     model, shares = top.section("model"), _example_robot_data()
@@ -86,6 +84,9 @@ def read_robot(path: Path, *, draft: bool = False) -> Robot:
     moved = {*mimic_joints, *(joint.name for joint in joints), *(gripper.joints if gripper else ())}
     if not draft:
         _warn_of_unmoved(urdf, moved)
+    may_touch = () if arm is None else arm.pairs("may_touch")
+    if arm is not None and (unknown := [link for pair in may_touch for link in pair if link not in urdf.links]):
+        arm.fail("may_touch", f"names {unknown[0]!r}, which is no link of the URDF")
     robot = Robot(
         name=name,
         description=description,
@@ -103,7 +104,7 @@ def read_robot(path: Path, *, draft: bool = False) -> Robot:
         notes=notes,
         license=license_,
         servos=None if servos is None else _servos(servos, len(joints), gripper),
-        may_touch=() if arm is None else _may_touch(arm, urdf),
+        may_touch=may_touch,
         mimic_joints=tuple(mimic_joints.values()),
         payload_kg=limited.number("payload_kg", None, positive=True),
         payload_source=limited.text("payload_source") if "payload_kg" in limited else "",
@@ -184,13 +185,6 @@ def _arm_joints(arm: Section, movable: Sequence[UrdfJoint]) -> list[UrdfJoint]:
         if joint.name not in wanted and not joint.lower <= 0.0 <= joint.upper:
             arm.fail("joints", f"leaves out {joint.name}, which is then locked at 0, outside its limits", "name it too")
     return [joint for joint in movable if joint.name in wanted]
-
-
-def _may_touch(arm: Section, urdf: Urdf) -> tuple[tuple[str, str], ...]:
-    pairs = arm.pairs("may_touch")
-    if unknown := [link for pair in pairs for link in pair if link not in urdf.links]:
-        arm.fail("may_touch", f"names {unknown[0]!r}, which is no link of the URDF")
-    return pairs
 
 
 def _warn_of_unmoved(urdf: Urdf, moved: Collection[str]) -> None:

@@ -20,6 +20,9 @@ from pbd.errors import PbdError, printable
 from pbd.io.read_file import read_text
 from pbd.io.toml_source import DECIMAL_POINTS, TO_THE_TOP, TomlSource, dotted_name
 
+FORMAT = 1
+"""Version of the formats of demonstrations, keyframes, calibrations and robots."""
+
 MOST_BYTES = 1_000_000
 """Largest TOML file, bytes: 2000 keyframes."""
 
@@ -178,11 +181,11 @@ class Section:
         values = self._get(key, kind, lambda v: _is_table(v) and all(map(_is_number, v.values())), {})
         return {name: float(item) for name, item in values.items()}
 
-    def require_format(self, number: int) -> None:
-        """Refuse a file whose `format` is not `number`."""
-        if (found := self.number("format")) != number:
-            next_step = "it was written by a newer pbd: update pbd" if found > number else "correct it"
-            self.fail("format", f"must be {number}, the only format that this version reads", next_step)
+    def require_format(self) -> None:
+        """Refuse a file whose `format` is not FORMAT."""
+        if (found := self.number("format")) != FORMAT:
+            next_step = "it was written by a newer pbd: update pbd" if found > FORMAT else "correct it"
+            self.fail("format", f"must be {FORMAT}, the only format that this version reads", next_step)
 
     def choice(self, key: str, choices: Mapping[str, T], default: T = _REQUIRED) -> T:
         """Return the value in `choices` of the word under `key`."""
