@@ -10,7 +10,6 @@ The phone's axes: x right, y to the top of the screen, z out of it. Android and 
 
 import json
 import re
-from dataclasses import dataclass
 from math import inf
 from typing import Any
 
@@ -116,24 +115,6 @@ def _floats(axis: list[Any], n: int) -> list[float]:
     return [np.nan if number is None else float(number) for number in numbers]
 
 
-@dataclass
-class _SensorBuffer:
-    """One sensor's rows (n, 4) that may still be needed, and its last time, s."""
-
-    rows: Array
-    last: float = -inf
-
-    def add(self, rows: Array) -> None:
-        self.rows, self.last = np.concatenate((self.rows, rows)), float(rows[-1, 0])
-
-    def stream(self) -> Stream:
-        return Stream(self.rows[:, 0], self.rows[:, 1:])
-
-    def drop_before(self, t: float) -> None:
-        """Keep the rows after `t`, and the latest before it, which interpolation still needs."""
-        self.rows = self.rows[max(int(np.searchsorted(self.rows[:, 0], t)) - ROWS_KEPT, 0) :]
-
-
 class PhyphoxDecoder:
     """Makes a sample at each gyro sample (without a gyro: at each accelerometer sample); times in s since the start."""
 
@@ -145,7 +126,8 @@ class PhyphoxDecoder:
         self._begin()
 
     def _begin(self) -> None:
-        self._sensors = {kind: _SensorBuffer(np.empty((0, 4))) for kind in BUFFERS}
+        self._rows = dict.fromkeys(BUFFERS, np.empty((0, 4)))  # of each sensor those that may still be needed
+        self._last = dict.fromkeys(BUFFERS, -inf)
         self._first, self._last_t = inf, -inf
 
     def feed(self, data: bytes) -> list[Sample]:
@@ -178,40 +160,41 @@ class PhyphoxDecoder:
 
     def _add(self, buffers: dict[str, Array]) -> None:
         for kind, rows in buffers.items():
-            sensor = self._sensors[kind]
             plausible = np.isfinite(rows).all(axis=1) & (rows[:, 0] >= 0.0) & (rows[:, 0] < MAX_RUN_S)
             with np.errstate(invalid="ignore"):
                 plausible &= (np.abs(rows[:, 1:]) <= LARGEST_READING[kind]).all(axis=1)
             new = rows[plausible]
-            new = new[trusted_rows(new[:, 0], sensor.last)]
+            new = new[trusted_rows(new[:, 0], self._last[kind])]
             self.tally.bad_packets += len(rows) - len(new)
             if len(new):
-                sensor.add(new)
+                self._rows[kind], self._last[kind] = np.concatenate((self._rows[kind], new)), float(new[-1, 0])
 
     def _samples(self) -> list[Sample]:
-        gyr, acc, mag = (self._sensors[kind] for kind in BUFFERS)
-        if not len(acc.rows):
+        gyr, acc, mag = (self._rows[kind] for kind in BUFFERS)
+        last_gyr, last_acc, last_mag = (self._last[kind] for kind in BUFFERS)
+        if not len(acc):
             return []
-        self._first = min(self._first, float(acc.rows[0, 0]))
-        has_gyr = gyr.last > -inf
-        if not has_gyr and acc.last - self._first < GYRO_WAIT_S:
+        self._first = min(self._first, float(acc[0, 0]))
+        has_gyr = last_gyr > -inf
+        if not has_gyr and last_acc - self._first < GYRO_WAIT_S:
             return []
         clock = gyr if has_gyr else acc
-        until = min(acc.last, self._clock.paused_at)
-        if mag.last > -inf:
-            until = min(until, max(mag.last, acc.last - MAG_WAIT_S))
-        rows = clock.rows[(clock.rows[:, 0] > self._last_t) & (clock.rows[:, 0] <= until)]
+        until = min(last_acc, self._clock.paused_at)
+        if last_mag > -inf:
+            until = min(until, max(last_mag, last_acc - MAG_WAIT_S))
+        rows = clock[(clock[:, 0] > self._last_t) & (clock[:, 0] <= until)]
         if not len(rows):
             return []
         t = rows[:, 0]
         self._last_t = float(t[-1])
-        at_acc, at_mag = acc.stream().at(t), mag.stream().at(t)
+        at_acc, at_mag = (Stream(each[:, 0], each[:, 1:]).at(t) for each in (acc, mag))
         elapsed = self._clock.to_elapsed(t)
         # Clock events are exact to milliseconds only, so around a pause times may step back: drop those samples.
         later = elapsed > np.maximum.accumulate(np.append(self._latest, elapsed[:-1]))
         self._latest = max(self._latest, float(elapsed.max()))
-        for sensor in (gyr, acc, mag):
-            sensor.drop_before(self._last_t)
+        for kind, each in self._rows.items():
+            after = int(np.searchsorted(each[:, 0], self._last_t))  # interpolation needs the latest before too
+            self._rows[kind] = each[max(after - ROWS_KEPT, 0) :]
         return [
             Sample(
                 (ax, ay, az),

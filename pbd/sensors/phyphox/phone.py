@@ -7,7 +7,7 @@ import http.client
 import time
 from contextlib import suppress
 from math import inf
-from typing import Any, Self
+from typing import Self
 from urllib.parse import urlsplit
 
 from pbd.data.paused_clock import PausedClock
@@ -93,7 +93,9 @@ class PhonePort(ByteSource):
         if BUFFERS["acc"][0] not in buffers:
             raise SensorError(f"another experiment than pbd's is open on {self.device}: {SCAN_HINT}", path=self.device)
         try:
-            self.model = _device_model(read_answer(self._get("/meta")))
+            meta = read_answer(self._get("/meta"))
+            model = meta.get("deviceModel") if isinstance(meta, dict) else None
+            self.model = printable(model)[:40].strip() if isinstance(model, str) else ""
             read_clock_events(read_answer(self._get("/time")))
         except ValueError:
             raise SensorError(
@@ -214,11 +216,6 @@ def _is_measuring(answer: object) -> bool:
         return answer["status"]["measuring"] is True  # type: ignore[index]
     except (TypeError, KeyError):
         return False
-
-
-def _device_model(meta: Any) -> str:
-    model = meta.get("deviceModel") if isinstance(meta, dict) else None
-    return printable(model)[:40].strip() if isinstance(model, str) else ""
 
 
 def _one_line(text: bytes) -> bytes:
