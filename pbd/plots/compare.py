@@ -105,30 +105,24 @@ def compare(demos: Sequence[Tracked]) -> Comparison:
     counts = [len(own) for own in poses]
     usual = Counter(counts)
     reference = counts.index(max(counts, key=lambda count: (usual[count], count)))
-    comparable = [_comparable(keyframes) for _, _, keyframes in demos]
-    partners = [_partners(comparable[reference], own) for own in comparable]
+    comparable = [
+        Keyframes(
+            np.array([one.T_nav_sensor.p for one in keyframes]),
+            quat_to_matrix(np.array([one.T_nav_sensor.wxyz for one in keyframes])),
+            tuple(one.grip for one in keyframes),
+            np.zeros(len(keyframes)),
+        )
+        for _, _, keyframes in demos
+    ]
+    partners = []
+    for own in comparable:
+        by_order = len(own) == counts[reference]
+        pairs = enumerate(range(len(own))) if by_order else match_by_moves(comparable[reference], own)
+        partners.append([*map(dict(pairs).get, range(counts[reference]))])
     shown = tuple(_aligned(*demo, T, partner) for demo, T, partner in zip(demos, aligned, partners, strict=True))
     spreads = [_spread([partner[k] for partner in partners], poses, covs) for k in range(counts[reference])]
     remarks = [*_remarks(demos, partners, reference), *_turned(demos, comparable)]
     return Comparison(shown, tuple(spreads), len(usual) == 1, tuple(remarks))
-
-
-def _partners(reference: Keyframes, other: Keyframes) -> tuple[int | None, ...]:
-    """Index of the matching keyframe in the other demonstration, or None, for each keyframe of the reference."""
-    if len(reference) == len(other):
-        return tuple(range(len(other)))
-    partner = dict(match_by_moves(reference, other))
-    return tuple(map(partner.get, range(len(reference))))
-
-
-def _comparable(keyframes: Sequence[Keyframe]) -> Keyframes:
-    """The values of keyframes that are compared in matching."""
-    return Keyframes(
-        np.array([one.T_nav_sensor.p for one in keyframes]),
-        quat_to_matrix(np.array([one.T_nav_sensor.wxyz for one in keyframes])),
-        tuple(one.grip for one in keyframes),
-        np.zeros(len(keyframes)),
-    )
 
 
 def _aligned(

@@ -38,8 +38,6 @@ TIME_WIDTH = 10.0
 """Width of a figure over time, inches."""
 VIEW_SIZE = (8.4, 6.4)
 """Size of a picture of the path, inches."""
-A4 = (11.69, 8.27)
-"""Width and height of a landscape page, inches."""
 FINDING_WIDTH, FINDING_LINES, ALL_FINDINGS_LINES = 46, 5, 14
 """In the summary: most characters in a line, most lines of one finding, and of all findings."""
 
@@ -119,7 +117,7 @@ def _sampling(demo: DemoValues) -> Figure:
 def _summary(demo: DemoValues) -> Figure:
     """One page: the path, the motion over time, and the findings in words."""
     with matplotlib.rc_context({"font.size": 8.0, "lines.linewidth": 0.9}):
-        figure = new_figure(plain_text(demo.name, 60), *A4)
+        figure = new_figure(plain_text(demo.name, 60), 11.69, 8.27)  # A4
         upper, lower = cast(list[SubFigure], figure.subfigures(2, height_ratios=(3.1, 5.0)))
         left, right = cast(list[SubFigure], upper.subfigures(1, 2, width_ratios=(4.4, 7.2)))
         space = left.add_subplot(projection="3d", computed_zorder=False)
@@ -179,26 +177,33 @@ def _words(figure: SubFigure, demo: DemoValues) -> None:
         line += len(wrapped) + 0.4
 
 
-VARIANCE_TITLE = "Variance of the resulting acceleration, equations 8 and 9 (as the paper's figure 6)"
-FORCE_PANELS = ((2.3, panels.specific_force), (2.3, panels.motion_acceleration))
-SIGMA_PANELS = [(1.25, partial(panels.sigma, axis=axis)) for axis in range(3)]
 FIGURES: Mapping[str, Callable[[DemoValues], Figure]] = {
     "summary": _summary,
     "resulting-acceleration": _over_time(
         "Resulting acceleration, equation 7 (as the paper's figure 5)", (3.2, panels.resulting)
     ),
-    "variance": _over_time(VARIANCE_TITLE, (3.2, panels.variance)),
+    "variance": _over_time(
+        "Variance of the resulting acceleration, equations 8 and 9 (as the paper's figure 6)", (3.2, panels.variance)
+    ),
     "motion": _over_time("Motion and stops (as the paper's figure 7)", (2.6, panels.speed), (0.9, panels.moves)),
     "path": _path,
     "view-yx": _view("Path seen from above, yx (as the paper's figure 9)", YX),
     "view-yz": _view("Path seen along x, yz (as the paper's figure 10)", YZ),
     "position": _over_time("Position", (3.6, panels.position)),
     "attitude": _over_time("Attitude", (3.6, panels.attitude)),
-    "gravity": _over_time("Specific force, and motion acceleration without gravity", *FORCE_PANELS),
+    "gravity": _over_time(
+        "Specific force, and motion acceleration without gravity",
+        (2.3, panels.specific_force),
+        (2.3, panels.motion_acceleration),
+    ),
     "velocity": _over_time(
         "Velocity, and its residual at each stop (closure)", (2.7, panels.velocity), (1.7, panels.closure)
     ),
-    "sigma": _over_time("Sigma along the path", *SIGMA_PANELS, (1.25, panels.sigma_turn)),
+    "sigma": _over_time(
+        "Sigma along the path",
+        *((1.25, partial(panels.sigma, axis=axis)) for axis in range(3)),
+        (1.25, panels.sigma_turn),
+    ),
     "field": _over_time(
         "Magnetic field, against the first rest", (2.0, panels.field_strength), (2.0, panels.field_dip)
     ),

@@ -58,7 +58,6 @@ FAMILY = "DejaVu Sans"
 
 _STYLE: dict[str, Any] = {
     "font.family": FAMILY,
-    "axes.labelsize": "medium",
     "axes.titlesize": "small",
     "axes.titlelocation": "left",
     "axes.titlecolor": GREY,
@@ -68,14 +67,11 @@ _STYLE: dict[str, Any] = {
     "axes.grid": True,
     "axes.axisbelow": True,
     "axes.formatter.useoffset": False,
-    "axes.formatter.limits": (-5, 6),
     "figure.constrained_layout.w_pad": 0.12,
     "figure.constrained_layout.h_pad": 0.09,
     "figure.constrained_layout.wspace": 0.0,
     "figure.constrained_layout.hspace": 0.0,
-    "figure.titlesize": "large",
     "figure.titleweight": "bold",
-    "grid.color": "#b0b0b0",
     "grid.alpha": 0.35,
     "grid.linewidth": 0.6,
     "xtick.labelsize": "small",
