@@ -20,7 +20,6 @@ from pbd.io.toml import FORMAT, parse_toml
 from pbd.pose import Array, Pose, quat_to_rpy
 
 HEADER = "Made by `pbd calibrate`; docs/calibration.md explains each part, calibration/default.toml each key."
-
 """First comment of a new calibration file."""
 
 Value = str | float | bool | Sequence[float] | Mapping[str, float]

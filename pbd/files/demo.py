@@ -100,8 +100,14 @@ def read_demo_toml(folder: Path) -> tuple[RecordingInfo, tuple[GripEvent, ...], 
         "bundled": top.flag("bundled", False),
         "closed": top.flag("closed", False),
         "failed": top.flag("failed", False),
-        "places": tuple(map(_read_place, top.tables("place"))),
-        "contacts": tuple(map(_read_contact, top.tables("contact"))),
+        "places": tuple(
+            _claim(each, Place, each.numbers("t_s", None), each.lengths("position_m", 3, None))
+            for each in top.tables("place")
+        ),
+        "contacts": tuple(
+            _claim(each, Contact, each.number("t_s"), each.number("as_at_s", None), each.length("height_m"))
+            for each in top.tables("contact")
+        ),
         "grasped": grasped and GraspedObject(*read_shape(grasped), grasped.number("mass_kg", None, positive=True)),
     }
     takes = _read_takes(top.tables("take"), folder)
@@ -278,15 +284,6 @@ def imu_rows(recording: Recording, channels: Collection[str]) -> Array:
     if recording.device_rpy is not None:
         values["device_rpy"] = compass_from_rpy(recording.device_rpy)
     return np.hstack((recording.t[:, None], *(values[name] for name in IMU_COLUMNS if name in channels)))
-
-
-def _read_place(section: Section) -> Place:
-    return _claim(section, Place, section.numbers("t_s", None), section.lengths("position_m", 3, None))
-
-
-def _read_contact(section: Section) -> Contact:
-    t, as_at, height = section.number("t_s"), section.number("as_at_s", None), section.length("height_m")
-    return _claim(section, Contact, t, as_at, height)
 
 
 def _claim(section: Section, kind: Callable[..., Claim], *values: Any) -> Claim:

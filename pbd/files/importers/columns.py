@@ -6,7 +6,8 @@ For a file without a table's header it lists the columns, which the caller's opt
 import re
 import shlex
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Set as AbstractSet
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
 
@@ -35,31 +36,30 @@ class Program:
 
     Attributes:
         header: plain names (`plain`) of columns that it always writes.
-        preamble: a pattern that must occur above the header; "": none.
         units: channel -> its unit; -UNIT: with reversed signs, which the name does not tell.
         sensor: the sensor, as in `Recording.info`.
+        preamble: a pattern that must occur above the header; "": none.
     """
 
     title: str
-    header: frozenset[str]
-    preamble: str = ""
-    units: Mapping[str, str] = field(default_factory=dict)
+    header: AbstractSet[str]
+    units: Mapping[str, str]
     sensor: str = "unknown"
+    preamble: str = ""
 
 
-_PACKETS = frozenset(("packet_counter",))
 _WITH_GRAVITY = re.compile("gravity|^g_f$|^total_")
 """Sets of axes beside which another accelerometer is without gravity. gF is Physics Toolbox's, total_acc UCI HAR's."""
 
-_GFORCE = {"acc": "g", "gyr": "rad/s", "mag": "uT"}
-_ICM20948 = {"acc": "mg", "gyr": "deg/s", "mag": "uT"}
 PROGRAMS = (
-    Program("Xsens MT Manager", _PACKETS, r"(?m)^//", {"t": "0.1ms", "gyr": "rad/s", "mag": "a.u."}, "xsens"),
-    Program("Movella (Xsens) DOT", _PACKETS | {"sample_time_fine"}, "", {"t": "us", "gyr": "deg/s", "mag": "a.u."}),
-    Program("Physics Toolbox", frozenset(("g_fx", "g_fy", "g_fz")), units=_GFORCE, sensor="phone"),
-    Program("rostopic", frozenset(("field_header_stamp",)), units={"t": "ns"}),
-    Program("SensorLog", frozenset(("accelerometer_acceleration_x",)), units={"acc": "-g"}, sensor="phone"),
-    Program("SparkFun OpenLog Artemis", frozenset(("rtc_date", "rtc_time")), units=_ICM20948, sensor="openlog"),
+    Program("Xsens MT Manager", {"packet_counter"}, {"t": "0.1ms", "gyr": "rad/s", "mag": "a.u."}, "xsens", r"(?m)^//"),
+    Program("Movella (Xsens) DOT", {"packet_counter", "sample_time_fine"}, {"t": "us", "gyr": "deg/s", "mag": "a.u."}),
+    Program("Physics Toolbox", {"g_fx", "g_fy", "g_fz"}, {"acc": "g", "gyr": "rad/s", "mag": "uT"}, "phone"),
+    Program("rostopic", {"field_header_stamp"}, {"t": "ns"}),
+    Program("SensorLog", {"accelerometer_acceleration_x"}, {"acc": "-g"}, "phone"),
+    Program(
+        "SparkFun OpenLog Artemis", {"rtc_date", "rtc_time"}, {"acc": "mg", "gyr": "deg/s", "mag": "uT"}, "openlog"
+    ),
 )
 """Programs whose units can't be read from the names.
 
