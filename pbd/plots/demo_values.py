@@ -7,12 +7,11 @@ from itertools import pairwise
 
 import numpy as np
 
-from pbd.data import HandPath, Keyframe, Recording, Stop, Truth
+from pbd.data import HandPath, Keyframe, Recording, Truth
 from pbd.data.tracking import DOUBTED_WEIGHT, Tracking
 from pbd.plots.findings import Finding, find_problems, length_text, stop_names, stop_phrase
 from pbd.pose import Array, Pose, level_onto, quat_multiply, quat_rotate, quat_to_rpy
 from pbd.tracking.keyframes import keyframes_of
-from pbd.tracking.paper import paper_stops, resulting_variance
 
 TRUTH_NEAR_S = 0.5
 """Longest time, s, from the middle of the first stop to the sample by which the truth is aligned."""
@@ -86,18 +85,6 @@ class DemoValues:
     def resulting(self) -> Array:
         """(n,) m/s2, the resulting acceleration: norm of the motion acceleration (the paper's equation 7)."""
         return np.asarray(np.linalg.norm(self.tracking.a_nav, axis=1))
-
-    @cached_property
-    def variance(self) -> Array:
-        """(n,) (m/s2)^2, variance of the resulting acceleration (the paper's equations 8 and 9)."""
-        return resulting_variance(self.tracking.a_nav)
-
-    @cached_property
-    def paper_stops(self) -> tuple[Stop, ...]:
-        """The stops that the paper's Algorithm 1 finds."""
-        if self.tracking.method == "paper":
-            return self.path.stops
-        return paper_stops(self.tracking.recording.t, self.tracking.a_nav)
 
     @cached_property
     def rpy_nav_sensor(self) -> Array:

@@ -8,7 +8,7 @@ from pbd.data import Stop
 from pbd.plots.demo_values import DemoValues
 from pbd.plots.style import AXES_RGB, BLUE, GREY, INK, SIGMA_RGB, SKY, TRUTH_LOOK, VERMILION, largest, length_unit
 from pbd.pose import Array
-from pbd.tracking.paper import LAMBDA_V
+from pbd.tracking.paper import LAMBDA_V, paper_stops, resulting_variance
 from pbd.tracking.residual_tests import FIELD_CHANGE
 from pbd.tracking.smoother.knots import STOP_KNOT_S
 
@@ -81,7 +81,8 @@ def speed(ax: Axes, demo: DemoValues) -> None:
 def moves(ax: Axes, demo: DemoValues) -> None:
     """Moves found by the method that tracked the hand, and by the paper's Algorithm 1."""
     method = demo.tracking.method
-    rows = {method: (demo.path.stops, BLUE), "paper": (demo.paper_stops, SKY)}
+    by_paper = demo.path.stops if method == "paper" else paper_stops(demo.tracking.recording.t, demo.tracking.a_nav)
+    rows = {method: (demo.path.stops, BLUE), "paper": (by_paper, SKY)}
     for row, (stops, colour) in enumerate(rows.values()):
         bars = _between(stops, demo.path.t)
         ax.broken_barh(bars, (row - 0.32, 0.64), facecolor=colour, linewidth=0.0, zorder=2.0)
@@ -129,7 +130,7 @@ def resulting(ax: Axes, demo: DemoValues) -> None:
 
 def variance(ax: Axes, demo: DemoValues) -> None:
     """Variance of the resulting acceleration (the paper's equations 8 and 9), and the paper's threshold."""
-    values = np.maximum(demo.variance, SMALLEST_VARIANCE)
+    values = np.maximum(resulting_variance(demo.tracking.a_nav), SMALLEST_VARIANCE)
     ax.plot(demo.path.t, values, color=INK, linewidth=0.8, label="variance of\ntwo samples")
     ax.axhline(LAMBDA_V, color=VERMILION, linewidth=1.2, linestyle="--", label=f"λᵥ = {LAMBDA_V:g}")
     ax.set_yscale("log")

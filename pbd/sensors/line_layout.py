@@ -86,9 +86,7 @@ class LineLayout:
         for quantity in self.units:
             self.factor(quantity)
         lines = [[name.removeprefix("-") for name in line.columns] for line in self.lines]
-        _check_names([name for names in lines for name in names])
-        for names in lines:
-            _check_line(names)
+        _check_columns(lines)
         _check_prefixes([line.prefix for line in self.lines])
 
     def factor(self, quantity: str) -> float:
@@ -114,7 +112,8 @@ class LineLayout:
         return ticks * self.factor("t")
 
 
-def _check_names(names: list[str]) -> None:
+def _check_columns(lines: list[list[str]]) -> None:
+    names = [name for line in lines for name in line]
     known = [name for group in QUANTITIES.values() for name in group]
     for name in names:
         if name not in (*known, "_"):
@@ -127,19 +126,17 @@ def _check_names(names: list[str]) -> None:
         raise UsageError("heading and yaw are two words for one angle; name one of them _")
     if "ax" not in names:
         raise UsageError("no acceleration among the columns; without ax, ay, az there is nothing to track")
-
-
-def _check_line(names: list[str]) -> None:
-    angles = ("roll", "pitch", "heading" if "heading" in names else "yaw")
-    for three in (QUANTITIES["acc"], QUANTITIES["gyr"], QUANTITIES["mag"], angles):
-        missing = [name for name in three if name not in names]
-        if 0 < len(missing) < 3:
-            raise UsageError(
-                f"{', '.join(missing)} is missing in a line that has others of its kind; add it, or name those _",
-                value=missing,
-            )
-    if not set(names) - {"t", "_"}:
-        raise UsageError("a line has no column but t or _; remove it")
+    for line in lines:
+        angles = ("roll", "pitch", "heading" if "heading" in line else "yaw")
+        for three in (QUANTITIES["acc"], QUANTITIES["gyr"], QUANTITIES["mag"], angles):
+            missing = [name for name in three if name not in line]
+            if 0 < len(missing) < 3:
+                raise UsageError(
+                    f"{', '.join(missing)} is missing in a line that has others of its kind; add it, or name those _",
+                    value=missing,
+                )
+        if not set(line) - {"t", "_"}:
+            raise UsageError("a line has no column but t or _; remove it")
 
 
 def _check_prefixes(prefixes: list[str]) -> None:

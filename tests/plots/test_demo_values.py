@@ -11,7 +11,7 @@ from pbd.pipeline import track
 from pbd.plots.demo_values import DemoValues, TruthValues, demo_values
 from pbd.pose import quat_about_z, quat_multiply, quat_rotate
 from pbd.simulation.simulate import simulate
-from pbd.tracking.paper import paper_path
+from pbd.tracking.paper import paper_path, paper_stops, resulting_variance
 from pbd.tracking.smoother.preintegration import integral_of_means
 from tests.known import known
 from tests.near import assert_near
@@ -58,8 +58,8 @@ def test_equations_7_to_9() -> None:
     resulting = [float(np.sqrt(a @ a)) for a in a_nav]
     assert plot.resulting == pytest.approx(resulting)
     pairs = [np.var([before, own]) for before, own in zip([resulting[0], *resulting], resulting, strict=False)]
-    assert plot.variance == pytest.approx(pairs)
-    assert plot.paper_stops == path.stops
+    assert resulting_variance(a_nav) == pytest.approx(pairs)
+    assert paper_stops(plot.tracking.recording.t, a_nav) == path.stops
     assert paper_path(path.t, a_nav, path.stops)[1] == pytest.approx(path.v_nav_sensor, abs=1e-12)
 
 
