@@ -13,9 +13,6 @@ from pbd.errors import RecordingError, require_kind
 from pbd.frozen_arrays import Frozen, freeze_arrays
 from pbd.pose import Array, Pose
 
-SAME_TIME_S = 0.002
-"""Largest difference, s, between a keyframe's time and the time in its touch-up. Files round both to milliseconds."""
-
 
 @dataclass(frozen=True, eq=False)
 class Keyframe(Frozen):
@@ -115,5 +112,6 @@ class TouchUp(Frozen):
 
     def index_in(self, keyframes: Sequence[Keyframe]) -> int | None:
         """The index of the touched keyframe; None if the touch-up was undone, or the keyframe is gone."""
+        # Files round the times of both to milliseconds.
         at = int(np.argmin([abs(keyframe.t - self.t) for keyframe in keyframes]))
-        return None if self.undone or abs(keyframes[at].t - self.t) > SAME_TIME_S else at
+        return None if self.undone or abs(keyframes[at].t - self.t) > 0.002 else at

@@ -16,9 +16,6 @@ from pbd.timestamps.even_times import batched_interval
 DEVICE_CLOCK = "device"
 """`RecordingInfo.clock` of a recording whose rows have the times that the sensor itself gave them."""
 
-RESOLUTION_ROWS = 4096
-"""Number of rows, spread over a recording, from which the resolution of its readings is found."""
-
 
 @dataclass(frozen=True)
 class GripEvent:
@@ -101,7 +98,7 @@ class Recording(Frozen):
 
 def resolution_of(values: Array) -> float:
     """Resolution of readings (n, 3): the smallest difference of two on an axis, in their unit (infinite: all equal)."""
-    some = values[:: max(1, len(values) // RESOLUTION_ROWS)]
+    some = values[:: max(1, len(values) // 4096)]  # rows spread over the recording
     return min(float(np.diff(np.unique(axis)).min(initial=np.inf)) for axis in some.T)
 
 

@@ -15,9 +15,6 @@ from pbd.timestamps.even_times import even_times
 RATE_TOLERANCE = 0.05
 """Largest difference between measured and nominal rate without a warning, as a share of the nominal one."""
 
-MAX_GAP_STEPS = 2.5
-"""Longest interpolated step, in median steps: one lost sample is bridged, two are a gap."""
-
 
 SENSORS = {"acc": "accelerometer", "gyr": "gyro", "mag": "magnetometer"}
 """Channel -> the sensor's name in messages."""
@@ -66,7 +63,7 @@ class Stream(Frozen):
         after = np.clip(np.searchsorted(self.t, t), 0, len(self) - 1)
         before = np.maximum(after - 1, 0)
         known = (self.t[0] <= t) & (t <= self.t[-1])
-        known &= (self.t[after] == t) | (self.t[after] - self.t[before] <= MAX_GAP_STEPS * usual_s)
+        known &= (self.t[after] == t) | (self.t[after] - self.t[before] <= 2.5 * usual_s)  # bridge one lost sample
         read = interpolate(t, self.t, self.values)
         read[~known] = np.nan
         return read

@@ -22,17 +22,11 @@ KEYFRAMES_FILE = "keyframes.toml"
 GRIPS = {"closes": True, "opens": False}
 """Words for `Keyframe.grip`."""
 
-ORIGIN_TOLERANCE_M = 1e-3
-"""Largest coordinate of the first keyframe, m. It is the origin of nav; this allows for rounding."""
-
 LEAST_TOLERANCE_M, LEAST_TOLERANCE_DEG = 1e-4, 0.01
 """Smallest tolerances that are written, m and degrees. Smaller ones would be rounded to zero."""
 
 FARTHEST_M = 5.0
 """Largest coordinate of a keyframe in nav, whose origin is the dock, m: twice the reach of a large arm."""
-
-LONG_DWELL_S = 60.0
-"""Longest dwell without a warning, s. A longer one was probably meant in milliseconds."""
 
 HEAD = """\
 # The keyframes of '{name}': where the hand stopped. While this file exists, it replaces what tracking finds.
@@ -170,10 +164,10 @@ def parse_keyframes(top: Section) -> tuple[Keyframe, ...]:
     for before, after, table in zip(keyframes, keyframes[1:], tables[1:], strict=False):
         if after.t <= before.t:
             table.fail("t_s", f"must be later than the keyframe before ({before.t:g} s), got {after.t:g}")
-    if np.abs(keyframes[0].T_nav_sensor.p).max() > ORIGIN_TOLERANCE_M:
+    if np.abs(keyframes[0].T_nav_sensor.p).max() > 1e-3:  # the origin of nav, rounded
         tables[0].fail("position_m", "must be [0, 0, 0]: the first keyframe is the dock", "put it back")
     for index, keyframe in enumerate(keyframes[1:-1], start=1):  # the arm doesn't stay at the first and the last
-        if keyframe.dwell_s > LONG_DWELL_S:
+        if keyframe.dwell_s > 60.0:  # probably meant in milliseconds
             what = f"the arm stays {keyframe.dwell_s:g} s at keyframe {index}; if that is too long, correct dwell_s"
             _warn(tables[index], "dwell_s", f"{what} (in seconds)")
     _check_grips(keyframes, tables)

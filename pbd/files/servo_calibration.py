@@ -17,9 +17,6 @@ COUNTS = 4096
 LARGEST_OFFSET_COUNTS = 2047
 """Largest magnitude of the homing offset that a servo can store, counts."""
 
-SHARED_ROBOT_TYPE = "so_follower"
-"""LeRobot's name for both the SO-100 and the SO-101 since version 0.5."""
-
 
 @dataclass(frozen=True)
 class ServoCalibration:
@@ -85,7 +82,8 @@ def find_servo_calibration(named: Path | None, robot: str, robot_type: str) -> P
     if is_file(own):
         return own
     folder = _lerobots_folder()
-    found = sorted(path for name in (robot_type, SHARED_ROBOT_TYPE) for path in (folder / name).glob("*.json"))
+    names = robot_type, "so_follower"  # since version 0.5 of the SO-100 and the SO-101
+    found = sorted(path for name in names for path in (folder / name).glob("*.json"))
     if len(found) == 1:
         return found[0]
     if found:

@@ -25,9 +25,6 @@ from pbd.pose import Array
 
 MESH_SUFFIXES = (".dae", ".stl", ".obj", ".ply", ".glb")
 
-MOST_BYTES = 200_000_000
-"""Largest mesh file, bytes: four million triangles as a binary STL."""
-
 MOST_TRIANGLES = 4_000_000
 """Largest number of triangles of a mesh. A small DAE file can repeat one geometry any number of times."""
 
@@ -88,7 +85,7 @@ def from_mesh(
     Raises:
         RobotError: the file can't be read, has no face or too many, or a coordinate is not finite or too large.
     """
-    data = read_bytes(path, RobotError, "put it there, or correct its address in the URDF", MOST_BYTES)
+    data = read_bytes(path, RobotError, "put it there, or correct its address in the URDF", most=200_000_000)
     key = hashlib.sha256(repr((_VERSION, path.suffix, *options)).encode() + data).hexdigest()
     if (kept := recall(what, key)) is None:
         kept = {name: np.asarray(value) for name, value in make(_parse(path, data)).items()}

@@ -23,9 +23,6 @@ from pbd.io.toml_source import DECIMAL_POINTS, TO_THE_TOP, TomlSource, dotted_na
 FORMAT = 1
 """Version of the formats of demonstrations, keyframes, calibrations and robots."""
 
-MOST_BYTES = 1_000_000
-"""Largest TOML file, bytes: 2000 keyframes."""
-
 LONGEST_LINE = 20_000
 """Longest line of a TOML file, characters. tomllib's time grows with the square of a dotted key's length."""
 
@@ -41,7 +38,7 @@ _REQUIRED: Any = object()
 
 def read_toml(path: Path, error: type[PbdError]) -> Section:
     """Parse a TOML file; `error`: it can't be read or is not valid TOML."""
-    return parse_toml(path, read_text(path, error, "give the path of a TOML file", MOST_BYTES), error)
+    return parse_toml(path, read_text(path, error, "give the path of a TOML file", most=1_000_000), error)
 
 
 def parse_toml(path: Path, text: str, error: type[PbdError]) -> Section:

@@ -23,18 +23,6 @@ from pbd.io.read_file import read_bytes
 from pbd.io.toml import LARGEST_NUMBER
 from pbd.pose import Pose
 
-MOST_BYTES = 100_000_000
-"""Largest XML file, bytes."""
-
-MOST_LINKS = 500
-"""Largest number of links of a robot, and of its joints. The largest robot in example-robot-data has 130 links."""
-
-MOST_MOVING = 150
-"""Largest number of moving joints. The pairs of links grow with its square. example-robot-data has at most 101."""
-
-MOST_SHAPES = 2000
-"""Largest number of visual and collision shapes of a robot."""
-
 LONGEST_M = 100.0
 """Largest coordinate of an <origin>, and largest size of a shape, m."""
 
@@ -98,7 +86,7 @@ Triple = tuple[float, float, float]
 
 def read_xml(path: Path) -> ET.Element:
     """Parse an XML file and return its root; RobotError: it can't be read, with the line if the parser knows it."""
-    data = read_bytes(path, RobotError, "correct its path, or mend the file", MOST_BYTES)
+    data = read_bytes(path, RobotError, "correct its path, or mend the file", most=100_000_000)
     try:
         tree = _NoDoctype()
         # Names keep their prefix: as in urdfdom, it need not be declared (drake:acceleration, sensor:camera).
@@ -134,11 +122,12 @@ def read_urdf_xml(path: Path) -> ET.Element:
     if macros:
         what = f"{printable(macros[0])} is not expanded; run `xacro {path.name} > arm.urdf`, and give arm.urdf"
         raise RobotError.at(path, what)
+    # The pairs of links grow with the square. The robots of example-robot-data have at most 130, and 101 moving joints.
     for what, most, count in (
-        ("links", MOST_LINKS, len(root.findall("link"))),
-        ("joints", MOST_LINKS, len(root.findall("joint"))),
-        ("moving joints", MOST_MOVING, sum(joint.get("type") != "fixed" for joint in root.iterfind("joint"))),
-        ("shapes", MOST_SHAPES, len(root.findall("link/visual")) + len(root.findall("link/collision"))),
+        ("links", 500, len(root.findall("link"))),
+        ("joints", 500, len(root.findall("joint"))),
+        ("moving joints", 150, sum(joint.get("type") != "fixed" for joint in root.iterfind("joint"))),
+        ("shapes", 2000, len(root.findall("link/visual")) + len(root.findall("link/collision"))),
     ):
         if count > most:
             tell = f"{count} {what}, more than the {most} that are read; give a file of the arm alone"

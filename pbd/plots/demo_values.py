@@ -13,14 +13,8 @@ from pbd.plots.findings import Finding, find_problems, length_text, stop_names, 
 from pbd.pose import Array, Pose, level_onto, quat_multiply, quat_rotate, quat_to_rpy
 from pbd.tracking.keyframes import keyframes_of
 
-TRUTH_NEAR_S = 0.5
-"""Longest time, s, from the middle of the first stop to the sample by which the truth is aligned."""
-
 TRUTH_SPEED_S = 0.02
 """Half the interval, s, of the differences that give the true velocity. Adjacent optical samples differ by noise."""
-
-LATE_RATIO = 1.5
-"""Smallest interval before a sample that counts as late or lost, in median intervals."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,7 +134,7 @@ def _truth(truth: Truth, path: HandPath) -> TruthValues | None:
     known = np.isfinite(p).all(axis=1) & np.isfinite(wxyz).all(axis=1)
     first = path.stops[0].middle
     away = np.where(known, np.abs(t - path.t[first]), np.inf)
-    if len(t) < 2 or away.min() > TRUTH_NEAR_S:
+    if len(t) < 2 or away.min() > 0.5:  # s
         return None
     row = int(np.argmin(away))
     T = level_onto(Pose(p[row], wxyz[row]), Pose(path.p_nav_sensor[first], path.wxyz_nav_sensor[first]))
@@ -182,7 +176,7 @@ def _facts(
     """Names and values for the summary, in words."""
     t, stops = recording.t, path.stops
     interval = np.diff(t)
-    late = int((interval > LATE_RATIO * np.median(interval)).sum())
+    late = int((interval > 1.5 * np.median(interval)).sum())
     shortest, dwell = _largest([-stop.dwell_s for stop in stops])
     facts = [
         ("sensor", recording.info.sensor),

@@ -13,8 +13,6 @@ from pbd.tracking.residual_tests import FIELD_CHANGE
 from pbd.tracking.smoother.knots import STOP_KNOT_S
 
 XYZ = ("x", "y", "z")
-SMALLEST_VARIANCE = 1e-7
-"""Smallest variance, (m/s2)^2, that is drawn; smaller than any sensor's."""
 MAX_VECTOR_POINTS = 5000
 """Largest number of points that are drawn as vector graphics. More are rasterized or thinned out."""
 
@@ -130,7 +128,7 @@ def resulting(ax: Axes, demo: DemoValues) -> None:
 
 def variance(ax: Axes, demo: DemoValues) -> None:
     """Variance of the resulting acceleration (the paper's equations 8 and 9), and the paper's threshold."""
-    values = np.maximum(resulting_variance(demo.tracking.a_nav), SMALLEST_VARIANCE)
+    values = np.maximum(resulting_variance(demo.tracking.a_nav), 1e-7)  # smaller than any sensor's
     ax.plot(demo.path.t, values, color=INK, linewidth=0.8, label="variance of\ntwo samples")
     ax.axhline(LAMBDA_V, color=VERMILION, linewidth=1.2, linestyle="--", label=f"λᵥ = {LAMBDA_V:g}")
     ax.set_yscale("log")

@@ -21,10 +21,6 @@ behind the sensor, along x."""
 
 SMALLEST_BOX_M = 0.01
 """Smallest side, m, of the box into which a path is drawn."""
-LEAST_ASPECT = 0.3
-"""Smallest side of the box, as a share of its longest side."""
-TRIAD_SHARE = 0.1
-"""Length of a triad's axes, as a share of the path's extent."""
 MAX_NUMBERED = 100
 """Largest number of keyframes that get a number, triad and ellipse. Of more, every second (third, ...) gets them."""
 
@@ -39,7 +35,7 @@ def fit_3d(ax: Axes3D, shown: Sequence[Array], around: Array | None = None) -> f
     middle, extent = _middle_and_extent(scale * points, scale * SMALLEST_BOX_M)
     if around is not None:
         extent = np.maximum(extent, 2.0 * np.abs(scale * around - middle).max(axis=0))
-    sides = 1.12 * np.maximum(extent, LEAST_ASPECT * extent.max())
+    sides = 1.12 * np.maximum(extent, 0.3 * extent.max())  # no side is much shorter than the longest
     low, high = middle - 0.5 * sides, middle + 0.5 * sides
     ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
     ax.set(xlabel=f"x ({unit})", ylabel=f"y ({unit})", zlabel=f"z ({unit})")
@@ -58,7 +54,7 @@ def path_3d(ax: Axes3D, demo: DemoValues) -> tuple[Array, Array]:
     """Draw the path, its shadow, and the sensor's axes at keyframes; return the arguments of `label_keyframes_3d`."""
     inside, truth = _paths(demo)
     at, every = np.array([keyframe.T_nav_sensor.p for keyframe in demo.keyframes]), _step(len(demo.keyframes))
-    size = TRIAD_SHARE * max(float(np.ptp(inside, axis=0).max()), SMALLEST_BOX_M)
+    size = 0.1 * max(float(np.ptp(inside, axis=0).max()), SMALLEST_BOX_M)
     R = quat_to_matrix(np.array([keyframe.T_nav_sensor.wxyz for keyframe in demo.keyframes[::every]]))
     triads = at[::every, None] + size * R.transpose(0, 2, 1)  # keyframe, axis, (3,)
     scale = fit_3d(ax, [inside, *truth], triads.reshape(-1, 3))
@@ -163,8 +159,6 @@ def ellipse(centre: Array, cov: Array) -> Array:
 
 # --- numbers beside keyframes ---
 
-SAME_LABEL_PT = 4.0
-"""Distance, points, below which two keyframes share a label."""
 _ANGLES = np.tile(np.radians([45, 135, 315, 225, 90, 0, 180, 270]), 4)
 DIRECTIONS = np.column_stack((np.cos(_ANGLES), np.sin(_ANGLES)))
 RADII = np.repeat((8.0, 14.0, 22.0, 32.0), 8)[:, None]
@@ -216,7 +210,7 @@ def _groups(spots: Array) -> list[list[int]]:
     """Indices of spots (k, 2), in points, that share a label."""
     groups: list[list[int]] = []
     for k, spot in enumerate(spots):
-        near = next((group for group in groups if np.linalg.norm(spots[group[0]] - spot) < SAME_LABEL_PT), None)
+        near = next((group for group in groups if np.linalg.norm(spots[group[0]] - spot) < 4.0), None)
         if near is None:
             groups.append([k])
         else:

@@ -56,9 +56,6 @@ MSC_RAW = 3
 _CODES = {EV_SYN: 16, EV_KEY: 0x300, EV_ABS: 0x40, EV_MSC: 8}
 """Number of codes that each type of event has."""
 
-_MAX_TIME_S = 2**33
-"""Upper bound of a plausible host time, s since 1970."""
-
 
 class GamepadDecoder:
     """Keeps each axis until it changes; each report (EV_SYN) gives a sample."""
@@ -78,7 +75,7 @@ class GamepadDecoder:
         while at + EVENT.size <= len(data):
             end = len(data) - (len(data) - at) % EVENT.size
             for seconds, micros, kind, code, value in EVENT.iter_unpack(memoryview(data)[at:end]):
-                if code >= _CODES.get(kind, 0) or not (0 <= micros < 1_000_000 and 0 <= seconds < _MAX_TIME_S):
+                if code >= _CODES.get(kind, 0) or not (0 <= micros < 1_000_000 and 0 <= seconds < 2**33):
                     self.tally.bad_packets += not self._junk
                     self._junk = True
                     at += 1

@@ -36,12 +36,6 @@ QUANTITIES: Mapping[str, tuple[str, ...]] = {
 }
 """Quantity -> names of its columns."""
 
-ARDUINO_WRAP = 2.0**32
-"""Default wrap of a t in ms or us: the value at which an Arduino's millis() and micros() restart from zero."""
-
-MAX_WRAP = 2.0**64
-"""Largest wrap that a TOML file may give: no counter has more bits."""
-
 SEPARATORS = {"space": " ", "tab": "\t"}
 
 
@@ -107,8 +101,8 @@ class LineLayout:
     def wrap_s(self) -> float:
         """Time after which t restarts from zero, s; 0: never."""
         ticks = self.wrap
-        if ticks is None:
-            ticks = ARDUINO_WRAP if self.units.get("t") in ("ms", "us") else 0.0
+        if ticks is None:  # an Arduino's millis() and micros() have 32 bits
+            ticks = 2.0**32 if self.units.get("t") in ("ms", "us") else 0.0
         return ticks * self.factor("t")
 
 
@@ -168,7 +162,7 @@ def layout_from_toml(text: str, name: str = "layout") -> LineLayout:
         Line(_split_columns(table.text("columns")), table.text("prefix", "", blank=True))
         for table in top.tables("line") or [top]
     )
-    units, wrap = top.section("units", None), top.number("wrap", None, within=MAX_WRAP)
+    units, wrap = top.section("units", None), top.number("wrap", None, within=2.0**64)
     separator = top.text("separator", ",", blank=True)
     given = {quantity: unit for quantity in UNITS if units and (unit := units.text(quantity, None))}
     top.refuse_unread()

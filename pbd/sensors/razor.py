@@ -13,22 +13,20 @@ magnetometer's own unit.
 """
 
 from collections.abc import Mapping
+from types import MappingProxyType
 
 from pbd.sensors.line_layout import Line, LineLayout
 from pbd.sensors.lines import LineDecoder
 
-UNITS: Mapping[str, str] = {"acc": "0.00390625 g", "gyr": "0.06957 deg/s"}
-"""Units of the boards with an ITG-3200."""
 
-
-def razor_layout(units: Mapping[str, str] | None = None) -> LineLayout:
+def razor_layout(units: Mapping[str, str] = MappingProxyType({})) -> LineLayout:
     """Make the Razor's layout; `units` override those of the ITG-3200 boards."""
     lines = (
         Line(("-ax", "ay", "az"), "#A-C="),
         Line(("mx", "-my", "-mz"), "#M-C="),
         Line(("gx", "-gy", "-gz"), "#G-C="),
     )
-    return LineLayout(lines, {**UNITS, **(units or {})})
+    return LineLayout(lines, {"acc": "0.00390625 g", "gyr": "0.06957 deg/s", **units})
 
 
 def razor_decoder() -> LineDecoder:

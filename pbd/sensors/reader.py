@@ -14,9 +14,6 @@ READ_TIMEOUT_S = 0.02
 TAKE_BYTES = 32768
 """Number of bytes with which `Reader.take` returns, for its caller's other work: about 0.1 s of the fastest sensor."""
 
-CLOSE_TIMEOUT_S = 5.0
-"""Longest time that `Reader.close` waits for a read that hangs, s."""
-
 
 class ByteSource(Protocol):
     """A source of a sensor's bytes: a serial port, a phone, a gamepad.
@@ -86,7 +83,7 @@ class Reader:
     def close(self) -> None:
         """Stop reading and close the port."""
         self._ending.set()
-        self._thread.join(CLOSE_TIMEOUT_S)
+        self._thread.join(timeout=5.0)  # a read may hang
         self.port.close()
 
     def _start(self) -> None:

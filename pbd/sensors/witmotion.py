@@ -26,9 +26,6 @@ from pbd.data.units import DEG, GRAVITY
 from pbd.sensors.attitude import rpy_from_quaternion
 from pbd.sensors.decoding import PacketDecoder, Sample, Triple, scaled
 
-NORM_TOLERANCE = 0.02
-"""Largest deviation of a quaternion's norm from 1. The device sends zeros before its filter runs."""
-
 UNITS = {0x51: 16.0 * GRAVITY / 32768.0, 0x52: 2000.0 / 32768.0 * DEG, 0x53: pi / 32768.0, 0x54: 1.0}
 """Type of a packet -> unit of its counts: m/s2, rad/s, rad, and the device's own for the field."""
 
@@ -66,7 +63,7 @@ class WitMotionDecoder(PacketDecoder):
         if kind in UNITS:
             self._add_part(kind, scaled(numbers[:3], UNITS[kind]), samples)
         elif kind == QUATERNION:
-            if abs(sum(n * n for n in numbers) / 32768.0**2 - 1.0) > 2.0 * NORM_TOLERANCE:
+            if abs(sum(n * n for n in numbers) / 32768.0**2 - 1.0) > 0.04:  # zeros before its filter runs
                 self.tally.bad_packets += 1
             else:
                 self._add_part(kind, rpy_from_quaternion(*numbers), samples)

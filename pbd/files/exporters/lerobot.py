@@ -41,9 +41,6 @@ COLUMNS = {"timestamp": "float32", **dict.fromkeys(("frame_index", "episode_inde
 QUANTILES = {f"q{round(100 * share):02d}": share for share in (0.01, 0.1, 0.5, 0.9, 0.99)}
 """Names of LeRobot's statistics of a column -> the quantile, 0..1."""
 
-AT_HOME_RAD = 1e-6
-"""Largest distance of a joint from home, rad, that counts as at home."""
-
 
 class Episode(NamedTuple):
     """The task's description; state and action (n, k + 1), float32: k joints and the gripper."""
@@ -83,7 +80,7 @@ def samples(request: ExportRequest) -> Samples:
             and switches the motors off after the last.
     """
     trajectory, robot = request.trajectory, request.robot
-    at_home = np.abs(trajectory.at(np.array([trajectory.duration])).q[0] - robot.home).max() <= AT_HOME_RAD
+    at_home = np.abs(trajectory.at(np.array([trajectory.duration])).q[0] - robot.home).max() <= 1e-6  # rad
     if not (at_home and trajectory.keyframe_t[0] > 0.0):
         what = f"lerobot's episodes begin and end at rest, away from the task, and {request.source.name} does not"
         raise PlanError(f"{what}; leave --no-approach and --no-retreat out", robot=robot.name)

@@ -21,9 +21,6 @@ from pbd.pose import Array, Pose, quat_continuous, quat_to_xyzw
 
 __all__ = ["check", "read", "samples", "write"]
 
-USUAL_HZ = 100.0
-"""Default rate of /joint_states and /tf. The JointTrajectory has the motion's own knots."""
-
 LATCHED = (
     *("/robot_description", "/tf_static", "/joint_trajectory", "/gripper_trajectory"),
     *("/keyframes/path", "/tool/path", "/hand/path"),
@@ -91,7 +88,7 @@ class _Bag:
 
     def fill(self, points: Samples) -> None:
         request, robot, hand = self.request, self.request.robot, self.source.hand
-        states = request.trajectory.sample(request.rate_hz or USUAL_HZ)
+        states = request.trajectory.sample(request.rate_hz or 100.0)
         self.put("/robot_description", 0.0, "std_msgs/msg/String", {"data": robot.urdf.read_text(encoding="utf-8")})
         goal = goal_message(robot.joints, points.t, (points.q, points.qd, points.qdd))
         self.put("/joint_trajectory", 0.0, TRAJECTORY_TYPE, goal)

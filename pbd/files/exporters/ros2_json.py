@@ -22,9 +22,6 @@ jerk of 3 rad/s3, and rounding to whole nanoseconds changes the jerk by 0.05 %."
 DERIVATIVES = ("positions", "velocities", "accelerations")
 """Fields of a JointTrajectoryPoint: rad, rad/s, rad/s2."""
 
-_LEAST_KNOT_DISTANCE = 0.25
-"""Smallest distance of a sample to a knot, as a fraction of the samples' spacing; nearer samples are left out."""
-
 
 def samples(request: ExportRequest) -> Samples:
     """Sample at the knots, and between them at the rate, if given. Times are whole nanoseconds, as in the message."""
@@ -34,7 +31,8 @@ def samples(request: ExportRequest) -> Samples:
         grid = np.arange(1, int(trajectory.duration * rate_hz) + 1) / rate_hz
         after = np.searchsorted(t, grid).clip(1, len(t) - 1)
         off = np.minimum(np.abs(grid - t[after - 1]), np.abs(t[after] - grid))
-        t = np.sort(np.append(t, grid[off >= max(_LEAST_KNOT_DISTANCE / rate_hz, LEAST_GAP_S)]))
+        # Samples near a knot are left out.
+        t = np.sort(np.append(t, grid[off >= max(0.25 / rate_hz, LEAST_GAP_S)]))
     exact, rounded = trajectory.at(t), np.round(1e9 * t) / 1e9
     # Velocities at rest must be exactly zero: the controller refuses any other final one, and small ones would add up.
     rest = ~(exact.qd.any(axis=1) | exact.qdd.any(axis=1))

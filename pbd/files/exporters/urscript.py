@@ -29,12 +29,6 @@ OFF_LINE_RAD = 1e-6
 SETTLE_S = 0.2
 """Time for which a dense move's last point is held, s: twice servoj's lookahead time, by which the arm lags."""
 
-STOP_RAD_S2 = 4.0
-"""Deceleration (rad/s2) of the stopj that ends servo mode; UR's own driver uses it (external_control.urscript)."""
-
-AT_REST_RAD_S = 1e-9
-"""Largest velocity at rest, rad/s."""
-
 HEAD = """\
 # {demo} for {robot}, planned and audited by pbd. Fill in the two functions of the gripper. You may edit the moves, but
 # edited moves are not audited: set a low speed on the slider the first time.
@@ -126,7 +120,7 @@ def _phases(request: ExportRequest) -> list[_Phase]:
     """
     c, knots = request.trajectory.coefficients, request.trajectory.knots
     q = request.trajectory.at(knots).q
-    rests = np.append(np.abs(c[:, 1]).max(axis=1) <= AT_REST_RAD_S, True)
+    rests = np.append(np.abs(c[:, 1]).max(axis=1) <= 1e-9, True)  # rad/s
     phases: list[_Phase] = []
     for a, b in pairwise(np.flatnonzero(rests).tolist()):
         moves = bool(np.abs(q[a + 1 : b + 1] - q[a]).max() > OFF_LINE_RAD)
@@ -180,11 +174,12 @@ def _servoj(q: Array, seconds: float) -> str:
 
 
 def _end_of_servo(request: ExportRequest, t: float) -> list[str]:
-    """Return the calls that let the arm arrive where it is to stand at t s, and end servo mode.
+    """Return the calls that let the arm arrive where it is to stand at t s, and end servo mode at 4 rad/s2.
 
-    Without a next servoj in time, the controller itself brakes an arm that still lags, maybe with a protective stop.
+    UR's own driver stops so (external_control.urscript). Without a next servoj in time, the controller itself brakes an
+    arm that still lags, maybe with a protective stop.
     """
-    return [_servoj(request.trajectory.at(np.array([t])).q[0], SETTLE_S), f"  stopj({STOP_RAD_S2:g})\n"]
+    return [_servoj(request.trajectory.at(np.array([t])).q[0], SETTLE_S), "  stopj(4)\n"]
 
 
 def _sleep(seconds: float) -> list[str]:

@@ -22,7 +22,6 @@ from pbd.files.importers.mcap_repair import repaired_bag, zstd_package
 from pbd.files.importers.request import Request
 from pbd.pose import Array, quat_from_xyzw, quat_to_rpy
 
-BAGS = (".mcap", ".db3", ".bag")
 IMU, FIELD = "sensor_msgs/msg/Imu", "sensor_msgs/msg/MagneticField"
 VECTORS = {IMU: (4, 3, 3), FIELD: (3,)}
 """Sizes of the vectors in the two messages.
@@ -37,9 +36,6 @@ BATCH_MESSAGES = 20_000
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 """First bytes of a compressed message (RFC 8878, 3.1.1). An uncompressed CDR message begins with a zero."""
 
-MOST_OVERTAKEN = 3
-"""Messages may overtake one another on the network, but not this many. Otherwise the clock was set back."""
-
 LONGEST_MESSAGE = 10_000
 """Largest size of a decompressed message, bytes. An Imu has 316 and its frame's name."""
 
@@ -52,7 +48,7 @@ def read_bag(request: Request) -> Demonstration | None:
         RecordingError: the bag can't be read, or the topic of sensor_msgs/Imu must be named: there are several.
     """
     path, topic = request.path, request.topic
-    if request.suffix not in BAGS and not (path / "metadata.yaml").is_file():
+    if request.suffix not in (".mcap", ".db3", ".bag") and not (path / "metadata.yaml").is_file():
         if topic is not None:
             raise RecordingError.at(path, "only a bag has topics; leave --topic out")
         return None
@@ -146,7 +142,7 @@ class _Decoder:
         by_time = np.argsort(ns, kind="stable")
         overtaken = np.abs(np.arange(len(ns)) - by_time)
         ns, values = ns[by_time], values[by_time]
-        if overtaken.max() >= MOST_OVERTAKEN:
+        if overtaken.max() >= 3:  # fewer messages may overtake one another on the network
             at = 1e-9 * float(ns[np.argmax(overtaken)] - ns[0])
             what = f"the headers' stamps run backwards near t = {at:.1f} s, because a clock was set back"
             raise RecordingError.at(self._path, f"{what}; record again, or cut the bag there")

@@ -29,9 +29,6 @@ POLL_S = 0.1
 ANSWER_S = 4.0
 """Longest time for a whole answer, s."""
 
-CONNECT_S = 2.0
-"""Longest time without a byte on the connection, s."""
-
 PATIENCE_S = 30.0
 """Time without a sample after which the phone counts as lost, s. To rejoin a Wi-Fi takes about 10 s."""
 
@@ -169,7 +166,7 @@ class PhonePort(ByteSource):
         """Get an answer's body within ANSWER_S and LONGEST_ANSWER; ValueError: an error status, or too long."""
         until = time.monotonic() + ANSWER_S
         if self._connection is None:
-            self._connection = http.client.HTTPConnection(self._host, self._port, timeout=CONNECT_S)
+            self._connection = http.client.HTTPConnection(self._host, self._port, timeout=2.0)
         try:
             self._connection.request("GET", path, headers={"Accept": "application/json"})
             response = self._connection.getresponse()
