@@ -21,12 +21,6 @@ from pbd.pose import Array, Pose, quat_continuous, quat_to_xyzw
 
 __all__ = ["check", "read", "samples", "write"]
 
-LATCHED = (
-    *("/robot_description", "/tf_static", "/joint_trajectory", "/gripper_trajectory"),
-    *("/keyframes/path", "/tool/path", "/hand/path"),
-)
-"""Topics with one message, which late subscribers get too."""
-
 TRAJECTORY_TYPE = "trajectory_msgs/msg/JointTrajectory"
 TOOL, NAV, SENSOR = "pbd_tool", "nav", "sensor"
 """Names of the frames that are not links of the URDF."""
@@ -89,11 +83,11 @@ class _Bag:
     def fill(self, points: Samples) -> None:
         request, robot, hand = self.request, self.request.robot, self.source.hand
         states = request.trajectory.sample(request.rate_hz or 100.0)
-        self.put("/robot_description", 0.0, "std_msgs/msg/String", {"data": robot.urdf.read_text(encoding="utf-8")})
+        self.put("/robot_description", None, "std_msgs/msg/String", {"data": robot.urdf.read_text(encoding="utf-8")})
         goal = goal_message(robot.joints, points.t, (points.q, points.qd, points.qdd))
-        self.put("/joint_trajectory", 0.0, TRAJECTORY_TYPE, goal)
+        self.put("/joint_trajectory", None, TRAJECTORY_TYPE, goal)
         if robot.gripper is not None and robot.gripper.joints:
-            self.put("/gripper_trajectory", 0.0, TRAJECTORY_TYPE, finger_message(request.trajectory, robot.gripper))
+            self.put("/gripper_trajectory", None, TRAJECTORY_TYPE, finger_message(request.trajectory, robot.gripper))
         moving = self.put_links(states)
         keyframes = request.trajectory.keyframe_t, *self.source.tool(request.trajectory.keyframe_q)
         self.put_path("/keyframes/path", robot.base, *keyframes, each="/keyframes")
@@ -104,7 +98,7 @@ class _Bag:
             self.put_transforms("/tf", float(at), [(NAV, SENSOR, Pose(*pose))])
         fixed = [(robot.base, NAV, self.source.T_base_nav), (robot.body, TOOL, robot.T_body_tool)]
         fixed += [(parent, link, at) for link, (parent, at) in self.links(states, 0).items() if link not in moving]
-        self.put_transforms("/tf_static", 0.0, fixed)
+        self.put_transforms("/tf_static", None, fixed)
         if self.recording is not None:
             self.put_recording(self.recording)
 
@@ -154,12 +148,12 @@ class _Bag:
             {"header": self.header(frame, float(at)), "pose": {"position": _xyz(place), "orientation": _xyzw(turn)}}
             for at, place, turn in zip(t, p, quat_continuous(wxyz), strict=True)
         ]
-        self.put(topic, 0.0, "nav_msgs/msg/Path", {"header": self.header(frame, 0.0), "poses": stamped})
+        self.put(topic, None, "nav_msgs/msg/Path", {"header": self.header(frame, None), "poses": stamped})
         if each:
             for at, pose in zip(t, stamped, strict=True):
                 self.put(each, float(at), "geometry_msgs/msg/PoseStamped", pose)
 
-    def put_transforms(self, topic: str, at: float, poses: Sequence[tuple[str, str, Pose]]) -> None:
+    def put_transforms(self, topic: str, at: float | None, poses: Sequence[tuple[str, str, Pose]]) -> None:
         """Write poses: parent, child, the child's pose in the parent. Each child turns on from its last rotation."""
         for _, child, pose in poses:
             self.turns[child] = quat_continuous(np.array((self.turns.get(child, pose.wxyz), pose.wxyz)))[1]
@@ -173,13 +167,13 @@ class _Bag:
         ]
         self.put(topic, at, "tf2_msgs/msg/TFMessage", {"transforms": transforms})
 
-    def put(self, topic: str, at: float, kind: str, message: Mapping[str, Any]) -> None:
-        """Write a message; `at`: s from the bag's start."""
+    def put(self, topic: str, at: float | None, kind: str, message: Mapping[str, Any]) -> None:
+        """Write a message; `at`: s from the bag's start; None: the topic's only one, which late subscribers get too."""
         if topic not in self.topics:
-            qos = _latched() if topic in LATCHED else ()
+            qos = _latched() if at is None else ()
             self.topics[topic] = self.writer.add_connection(topic, kind, typestore=self.store, offered_qos_profiles=qos)
         data = self.store.serialize_cdr(self.built(kind, message), kind)
-        self.writer.write(self.topics[topic], self.start_ns + round(1e9 * at), data)
+        self.writer.write(self.topics[topic], self.start_ns + round(1e9 * (at or 0.0)), data)
 
     def built(self, kind: str, message: Mapping[str, Any]) -> Any:
         """Make rosbags' object of a message, and of the messages in it."""
@@ -195,8 +189,8 @@ class _Bag:
             fields[name] = value
         return self.store.types[kind](**fields)
 
-    def header(self, frame: str, at: float) -> dict[str, Any]:
-        sec, nanosec = divmod(self.start_ns + round(1e9 * at), 10**9)
+    def header(self, frame: str, at: float | None) -> dict[str, Any]:
+        sec, nanosec = divmod(self.start_ns + round(1e9 * (at or 0.0)), 10**9)
         return {"stamp": {"sec": sec, "nanosec": nanosec}, "frame_id": frame}
 
 
