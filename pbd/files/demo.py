@@ -18,7 +18,7 @@ from pbd.errors import RecordingError, UsageError
 from pbd.files.calibration import read_shape
 from pbd.files.find_by_name import find
 from pbd.files.keyframes import KEYFRAMES_FILE, read_keyframes, read_touch_ups
-from pbd.files.table import Table, read_table, write_table
+from pbd.files.table import Table, open_sheet, write_table
 from pbd.files.why_set_aside import is_set_aside, why_kept
 from pbd.io.atomic import atomic_folder, is_file, is_folder, may_write, refuse_folder, refuse_name
 from pbd.io.toml import FORMAT, Section, instant_of, read_toml
@@ -71,9 +71,9 @@ def read_demo(folder: Path, edited: bool = True) -> Demonstration:
         recording = replace(takes[0].recording, info=info)
     else:
         _refuse_without(folder, "imu.csv")
-        recording = _read_recording(read_table(folder / "imu.csv"), grip, info)
+        recording = _read_recording(open_sheet(folder / "imu.csv").read(), grip, info)
     if os.path.lexists(truth := folder / "truth.csv"):
-        values = read_table(truth).columns(*TRUTH_COLUMNS)
+        values = open_sheet(truth).read().columns(*TRUTH_COLUMNS)
         optional["truth"] = Truth(values[:, 0], values[:, 1:4], values[:, 4:])
     if edited and os.path.lexists(file := folder / KEYFRAMES_FILE):
         optional |= {"keyframes": read_keyframes(file), "touch_ups": read_touch_ups(file)}

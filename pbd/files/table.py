@@ -279,11 +279,6 @@ def open_sheet(
     return Sheet(path, tuple(header), body, delimiter, first_row, foreign, error, preamble=preamble)
 
 
-def read_table(path: Path) -> Table:
-    """Read a table of numbers; a RecordingError tells line and column."""
-    return open_sheet(path).read()
-
-
 def write_table(path: Path, header: tuple[str, ...], values: Array, decimals: tuple[int, ...] = ()) -> None:
     """Write a table; `decimals`: each column's number of decimals; empty: all. NaN becomes an empty cell."""
     import orjson

@@ -14,7 +14,7 @@ from pbd.errors import LONGEST_MESSAGE, PbdError, RecordingError, RobotError
 from pbd.files.demo import read_demo
 from pbd.files.importers import import_file, npz
 from pbd.files.points import read_points
-from pbd.files.table import read_table
+from pbd.files.table import open_sheet
 from pbd.io import meshes
 from pbd.io.atomic import refuse_file
 from pbd.io.meshes import mesh_file
@@ -102,7 +102,7 @@ def test_texts_that_are_not_numbers(text: str) -> None:
 def test_a_number_that_only_python_accepts_is_refused_with_its_line(tmp_path: Path) -> None:
     (tmp_path / "imu.csv").write_text("t,ax\n0,1\n0.01,1_000\n", encoding="utf-8")
     with pytest.raises(RecordingError, match=r"imu\.csv:3: '1_000' in column 'ax' is not a number; "):
-        read_table(tmp_path / "imu.csv")
+        open_sheet(tmp_path / "imu.csv").read()
 
 
 def test_a_time_of_any_number_of_decimals() -> None:
@@ -117,7 +117,7 @@ def test_a_time_of_any_number_of_decimals() -> None:
 def test_a_quote_that_is_never_closed(tmp_path: Path) -> None:
     (tmp_path / "imu.csv").write_text('t,a\n0,1\n1,"2\n' + "3,4\n" * 40_000, encoding="utf-8")
     with pytest.raises(RecordingError, match=r"imu\.csv:\d+: '23,43,[^']*' in column 'a' is not a number; "):
-        read_table(tmp_path / "imu.csv")
+        open_sheet(tmp_path / "imu.csv").read()
 
 
 # --- npz --------------------------------------------------------------------------------------------------------------

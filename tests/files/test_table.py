@@ -6,7 +6,7 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from pbd.errors import PbdWarning, RecordingError
-from pbd.files.table import read_table, write_table
+from pbd.files.table import open_sheet, write_table
 
 
 def table_file(folder: Path, content: str | bytes) -> Path:
@@ -29,7 +29,7 @@ def table_file(folder: Path, content: str | bytes) -> Path:
     ],
 )
 def test_delimiters_line_ends_and_quotes(tmp_path: Path, content: str) -> None:
-    table = read_table(table_file(tmp_path, content))
+    table = open_sheet(table_file(tmp_path, content)).read()
     assert table.header == ("t", "ax")
     assert_array_equal(table.values, [[0.0, 1.5], [0.1, -2e-3]])
     assert_array_equal(table.columns("ax", "t"), [[1.5, 0.0], [-2e-3, 0.1]])
@@ -38,12 +38,12 @@ def test_delimiters_line_ends_and_quotes(tmp_path: Path, content: str) -> None:
 @pytest.mark.parametrize("cut", ["0.2", "0", "-", "0.\0\0\0"])
 def test_a_last_row_that_a_lost_power_cut_off_is_left_out(tmp_path: Path, cut: str) -> None:
     with pytest.warns(PbdWarning, match=r"table.csv: the last row is cut off, and left out: it has no line end"):
-        table = read_table(table_file(tmp_path, f"t,ax\n0,1.5\n0.1,-2e-3\n{cut}"))
+        table = open_sheet(table_file(tmp_path, f"t,ax\n0,1.5\n0.1,-2e-3\n{cut}")).read()
     assert_array_equal(table.values, [[0.0, 1.5], [0.1, -2e-3]])
 
 
 def test_an_empty_cell_is_nan(tmp_path: Path) -> None:
-    table = read_table(table_file(tmp_path, "t,ax,ay\n0,,1\n1, ,2\n2,3,\n"))
+    table = open_sheet(table_file(tmp_path, "t,ax,ay\n0,,1\n1, ,2\n2,3,\n")).read()
     assert_array_equal(table.values, [[0, np.nan, 1], [1, np.nan, 2], [2, 3, np.nan]])
 
 
@@ -104,13 +104,13 @@ def test_a_fault_is_named_with_its_line_and_column(
 ) -> None:
     path = table_file(tmp_path, content)
     with pytest.raises(RecordingError) as caught:
-        read_table(path)
+        open_sheet(path).read()
     assert caught.value.message.startswith(f"{path}{message}")
     assert caught.value.fields == {"path": path, **fields}
 
 
 def test_the_error_of_a_missing_column_lists_the_columns(tmp_path: Path) -> None:
-    table = read_table(table_file(tmp_path, "t,ax\n0,1\n"))
+    table = open_sheet(table_file(tmp_path, "t,ax\n0,1\n")).read()
     with pytest.raises(RecordingError, match=r"no column 'ay'; the columns are t, ax$") as caught:
         table.columns("t", "ay")
     assert caught.value.fields["value"] == "ay"
@@ -122,7 +122,7 @@ def test_a_table_is_read_as_written(tmp_path: Path, hole: float) -> None:
     values = np.array([[0.0, -1.25], [0.123456789, hole]])
     write_table(path, ("t", "ax"), values, (3, 2))
     assert path.read_text().splitlines()[:2] == ["t,ax", "0.0,-1.25"]
-    assert_array_equal(read_table(path).values, [[0.0, -1.25], [0.123, hole]])
+    assert_array_equal(open_sheet(path).read().values, [[0.0, -1.25], [0.123, hole]])
 
 
 def test_names_may_have_any_character(tmp_path: Path) -> None:
