@@ -3,7 +3,7 @@
 import json
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -112,12 +112,12 @@ def _servo(path: Path, joint: str, value: Any) -> ServoCalibration:
     if not isinstance(value, dict):
         raise _wrong(path, f"{joint} is no object")
     numbers = {}
-    for each in fields(ServoCalibration):
-        number, (low, high) = value.get(each.name), BOUNDS[each.name]
+    for name, (low, high) in BOUNDS.items():
+        number = value.get(name)
         if type(number) is not int or not low <= number <= high:
             fault = "is missing" if number is None else f"is {printable(json.dumps(number))}"
-            raise _wrong(path, f"{each.name} of {joint} {fault}, not a whole number from {low} to {high}")
-        numbers[each.name] = number
+            raise _wrong(path, f"{name} of {joint} {fault}, not a whole number from {low} to {high}")
+        numbers[name] = number
     servo = ServoCalibration(**numbers)
     if not servo.range_min < servo.range_max:
         raise _wrong(path, f"range_min of {joint}, {servo.range_min}, is not below its range_max, {servo.range_max}")

@@ -13,8 +13,6 @@ from pbd.plots.space import ellipse
 from pbd.plots.style import AXES_RGB, BLUE, GREY, INK, ORANGE, PURPLE, new_figure, plain_text, style
 from pbd.pose import Array, Pose
 
-PART_COLOURS = {"start": ORANGE, "mount": PURPLE, "tracking": BLUE}
-
 
 def draw_calibration(demo: str, placed: KeyframesInBase) -> Figure:
     """Draw the tool's positions from above with ellipses of 2 sigma, and the sources' shares of each variance."""
@@ -46,10 +44,11 @@ def _shares(ax: Axes, parts: Mapping[str, Array]) -> None:
     """Draw bars: the height is the position's sigma (rms over the axes), the colours are shares of the variance."""
     variance = {name: np.trace(cov[:, :3, :3], axis1=1, axis2=2) / 3.0 for name, cov in parts.items()}
     total = np.sum(list(variance.values()), axis=0)
+    colours = {"start": ORANGE, "mount": PURPLE, "tracking": BLUE}
     sigma_mm, below = 1e3 * np.sqrt(total), np.zeros(len(total))
     for name, share in variance.items():
         height = sigma_mm * share / np.maximum(total, 1e-18)
-        ax.bar(range(len(total)), height, bottom=below, color=PART_COLOURS[name], width=0.7, label=SOURCES[name])
+        ax.bar(range(len(total)), height, bottom=below, color=colours[name], width=0.7, label=SOURCES[name])
         below = below + height
     ax.legend(loc="upper left")
     ax.set_ylim(0.0, 1.35 * max(float(sigma_mm.max()), 1e-3))

@@ -185,19 +185,17 @@ def field_strength(ax: Axes, demo: DemoValues) -> None:
     """Strength of the magnetic field, and the range in which the tracker uses it."""
     assert demo.field is not None
     rest = demo.field.rest_strength
-    _field(ax, demo.path.t, demo.field.strength, rest, FIELD_CHANGE * rest)
-    ax.set_ylabel("strength (µT)")
+    _field(ax, demo.path.t, demo.field.strength, rest, FIELD_CHANGE * rest, "strength (µT)")
 
 
 def field_dip(ax: Axes, demo: DemoValues) -> None:
     """Dip of the magnetic field, and the range in which the tracker uses it."""
     assert demo.field is not None
     rest, bound = np.degrees([demo.field.rest_dip, FIELD_CHANGE]).tolist()
-    _field(ax, demo.path.t, np.degrees(demo.field.dip), rest, bound)
-    ax.set_ylabel("dip (°)")
+    _field(ax, demo.path.t, np.degrees(demo.field.dip), rest, bound, "dip (°)")
 
 
-def _field(ax: Axes, t: Array, values: Array, rest: float, bound: float) -> None:
+def _field(ax: Axes, t: Array, values: Array, rest: float, bound: float, label: str) -> None:
     block_s = 2.0 * STOP_KNOT_S  # the tracker averages the field over this time
     for edge in (rest - bound, rest + bound):
         ax.axhline(edge, color=VERMILION, linewidth=1.0, linestyle="--", label="disturbed\nbeyond")
@@ -208,7 +206,7 @@ def _field(ax: Axes, t: Array, values: Array, rest: float, bound: float) -> None
     means = [np.add.reduceat(column, blocks) / size for column in (t, values)]
     ax.plot(*means, color=BLUE, linewidth=1.6, label=f"mean over\n{block_s:g} s")
     low, high = ax.get_ylim()
-    ax.set_ylim(min(low, rest - 1.2 * bound), max(high, rest + 1.2 * bound))
+    ax.set(ylim=(min(low, rest - 1.2 * bound), max(high, rest + 1.2 * bound)), ylabel=label)
 
 
 def intervals(ax: Axes, demo: DemoValues) -> None:

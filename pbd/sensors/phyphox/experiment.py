@@ -56,18 +56,13 @@ def experiment() -> str:
     )
 
 
-def experiment_zip() -> bytes:
-    """Return the experiment as a zip with one file, the same bytes each time."""
+def qr_payloads(count: int) -> Iterator[bytes]:
+    """Yield the content of each of `count` QR codes, the same bytes each time."""
     packed = io.BytesIO()
-    with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as archive:
+    with zipfile.ZipFile(packed, "w") as archive:
         member = zipfile.ZipInfo(EXPERIMENT_FILE)  # dated 1980, whenever it is made
         archive.writestr(member, experiment(), zipfile.ZIP_DEFLATED, 9)
-    return packed.getvalue()
-
-
-def qr_payloads(count: int) -> Iterator[bytes]:
-    """Yield the content of each of `count` QR codes."""
-    data = experiment_zip()
+    data = packed.getvalue()
     head = b"phyphox" + zlib.crc32(data).to_bytes(4, "big")
     size = -(-len(data) // count)
     for k in range(count):
