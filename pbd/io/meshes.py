@@ -28,9 +28,6 @@ MESH_SUFFIXES = (".dae", ".stl", ".obj", ".ply", ".glb")
 MOST_TRIANGLES = 4_000_000
 """Largest number of triangles of a mesh. A small DAE file can repeat one geometry any number of times."""
 
-LOOKS = ("bind_material", "instance_camera", "instance_light", "library_effects", "library_images", "library_materials")
-"""Elements of a DAE file that concern its looks alone."""
-
 MOST_NODES = 20_000
 """Largest number of nodes of a DAE scene; a node that is shown n times counts n times."""
 
@@ -172,10 +169,12 @@ def _collada(data: bytes) -> Iterator[tuple[Array, Array]]:
 
 def _without_looks(data: bytes) -> bytes:
     """Remove from a DAE file what only concerns its looks."""
+    looks = {"bind_material", "instance_camera", "instance_light"}
+    looks |= {"library_effects", "library_images", "library_materials"}
     root = ET.fromstring(data)
     for element in [*root.iter()]:
         for child in [*element]:
-            if child.tag.rpartition("}")[2] in LOOKS:
+            if child.tag.rpartition("}")[2] in looks:
                 element.remove(child)
     return ET.tostring(root)
 

@@ -29,9 +29,6 @@ from typing import Any
 from pbd.sensors.attitude import from_north_east_down, from_north_west_up, rpy_from_quaternion, wrap_angle
 from pbd.sensors.decoding import PacketDecoder, Sample, Triple, WrappingClock, scaled
 
-MAX_PAYLOAD = 2048
-"""Largest payload, bytes."""
-
 TICKS_HZ = 10_000
 """Unit of the sample time, Hz."""
 
@@ -126,7 +123,7 @@ class XsensDecoder(PacketDecoder):
             return 0
         length, first = (head[3], at + 4) if head[3] < 255 else (int.from_bytes(head[4:6]), at + 6)
         end = first + length + 1
-        if length > MAX_PAYLOAD:
+        if length > 2048:  # bytes
             return -1
         if end > len(data):
             return 0

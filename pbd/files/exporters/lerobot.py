@@ -38,9 +38,6 @@ INFO, STATS = "meta/info.json", "meta/stats.json"
 COLUMNS = {"timestamp": "float32", **dict.fromkeys(("frame_index", "episode_index", "index", "task_index"), "int64")}
 """LeRobot's columns for each frame, besides state and action, and their types."""
 
-QUANTILES = {f"q{round(100 * share):02d}": share for share in (0.01, 0.1, 0.5, 0.9, 0.99)}
-"""Names of LeRobot's statistics of a column -> the quantile, 0..1."""
-
 
 class Episode(NamedTuple):
     """The task's description; state and action (n, k + 1), float32: k joints and the gripper."""
@@ -227,7 +224,7 @@ def _stats(frames: dict[str, Rows]) -> dict[str, dict[str, list[float]]]:
     for name, column in frames.items():
         rows = column.reshape(len(column), -1).astype(np.float64)
         each = {"min": rows.min(axis=0), "max": rows.max(axis=0), "mean": rows.mean(axis=0), "std": rows.std(axis=0)}
-        each |= {key: np.quantile(rows, share, axis=0) for key, share in QUANTILES.items()}
+        each |= {f"q{percent:02d}": np.percentile(rows, percent, axis=0) for percent in (1, 10, 50, 90, 99)}
         stats[name] = {key: value.tolist() for key, value in each.items()} | {"count": [len(rows)]}
     return stats
 

@@ -21,9 +21,6 @@ from pbd.files.table import Sheet, Table
 from pbd.io.numbers import DAY_S, HOUR_S, date_order, is_stamp, seconds
 from pbd.pose import Array
 
-COUNTER_SIZES, LONGEST_COUNT = (2.0**16, 2.0**32), 3.0
-"""Numbers of values of a device's counter, and its longest step, as a multiple of the usual one, when it wraps."""
-
 MOST_STEPS = 0.9
 """Smallest share of equal steps in a column that counts samples: of ten samples at most one may be lost."""
 
@@ -143,8 +140,8 @@ def _counter_size(ticks: Array) -> float:
     drops, forward = steps[steps < 0.0], steps[steps >= 0.0]
     if not (len(drops) and len(forward)) or (np.abs(ticks - whole) > 1e-3).any():
         return 0.0
-    longest = LONGEST_COUNT * float(np.median(forward))
-    sizes = (size for size in COUNTER_SIZES if np.nanmax(ticks) < size and (drops + size <= longest).all())
+    longest = 3.0 * float(np.median(forward))
+    sizes = (size for size in (2.0**16, 2.0**32) if np.nanmax(ticks) < size and (drops + size <= longest).all())
     return next(sizes, 0.0)
 
 

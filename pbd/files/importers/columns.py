@@ -48,9 +48,6 @@ class Program:
     preamble: str = ""
 
 
-_WITH_GRAVITY = re.compile("gravity|^g_f$|^total_")
-"""Sets of axes beside which another accelerometer is without gravity. gF is Physics Toolbox's, total_acc UCI HAR's."""
-
 PROGRAMS = (
     Program("Xsens MT Manager", {"packet_counter"}, {"t": "0.1ms", "gyr": "rad/s", "mag": "a.u."}, "xsens", r"(?m)^//"),
     Program("Movella (Xsens) DOT", {"packet_counter", "sample_time_fine"}, {"t": "us", "gyr": "deg/s", "mag": "a.u."}),
@@ -137,9 +134,11 @@ def _by_name(header: Sequence[str]) -> dict[str, str]:
         sets[channel] = measured or complete
     of_gyro = [device_of[group] for group in sets.get("gyr", ())]
     device = next((device_of[group] for group in sets.get("acc", ()) if device_of[group] in of_gyro), "")
+    # Beside these, others are without gravity. gF is Physics Toolbox's, total_acc UCI HAR's.
+    with_gravity = re.compile("gravity|^g_f$|^total_")
     found: dict[str, str] = {}
     for groups in sets.values():
-        found |= groups[min(groups, key=lambda group: (not _WITH_GRAVITY.search(group), device_of[group] != device))]
+        found |= groups[min(groups, key=lambda group: (not with_gravity.search(group), device_of[group] != device))]
     return found
 
 

@@ -40,9 +40,6 @@ from pbd.pose import Array
 
 TEXT = (".csv", ".txt", ".tsv", ".log", ".lvm")
 
-OTHERS_ROWS = 0.05
-"""Smallest share of rows without accelerometer and gyro that are taken for another sensor's rows, not for losses."""
-
 TOP = 5000
 """Number of characters of the first rows, whose number of cells is compared with the header's."""
 
@@ -238,7 +235,7 @@ def _joined(
     known = {name: np.isfinite(channels[name]).all(axis=1) for name in ("acc", "gyr", "mag") if name in channels}
     acc, gyr = known["acc"], known.get("gyr", known["acc"])
     alone = 2 * (acc & gyr).sum() < min(acc.sum(), gyr.sum())
-    apart = alone or (acc | gyr).mean() <= 1.0 - OTHERS_ROWS
+    apart = alone or (acc | gyr).mean() <= 0.95  # else rows without both are losses
     if not times and not (apart and (np.diff(t[gyr]) > 0.0).all()):
         return None
     at, values = joined({name: Stream.of(times.get(name, t), channels[name]) for name in known})

@@ -45,12 +45,6 @@ from pbd.files.importers.ximu3 import INERTIAL
 from pbd.files.table import Sheet
 from pbd.io.numbers import is_stamp
 
-RATE = r"_[\d.]+Hz_[\d.]+$"
-"""What MetaBase writes after the sensor's name: its rate, and the firmware."""
-
-METABASE = ("epoc (ms)", "epoch (ms)")
-"""The first column of MetaBase's files, in its versions."""
-
 
 def read_sensor_files(request: Request) -> Demonstration | None:
     """Read a recording from a folder, a zip, or one of its files with those beside it; None: it is no such recording.
@@ -176,7 +170,7 @@ def _read_named(request: Request, files: Files) -> Demonstration | None:
     clock = _clock(path, [sheet for sheet, _ in found.values()])
     read = {channel: [(sheet, {"t": clock, **axes})] for channel, (sheet, axes) in found.items()}
     streams, source = _read(read, request.units)
-    is_metabase = found["acc"][0].header[0].startswith(METABASE)
+    is_metabase = found["acc"][0].header[0].startswith(("epoc (ms)", "epoch (ms)"))  # in its versions
     others = files.keys() - {sheet.path.stem for sheet, _ in found.values()}
     source = replace(source, program="MetaBase (MbientLab)" * is_metabase).with_unread(unused(others))
     recording = _joined(path, streams, "metawear" if is_metabase else "unknown", source)
@@ -185,7 +179,8 @@ def _read_named(request: Request, files: Files) -> Demonstration | None:
 
 def _sensor(name: str) -> tuple[str, str]:
     """Return the device and the channel that a file's name tells: `Hand_Accelerometer` -> `hand_`, acc; "": none."""
-    given = our_name(f"{re.sub(RATE, '', name)} x")
+    name = re.sub(r"_[\d.]+Hz_[\d.]+$", "", name)  # MetaBase's rate and firmware
+    given = our_name(f"{name} x")
     channel = {"ax": "acc", "gx": "gyr", "mx": "mag"}.get(given[0], "") if given else ""
     return (given[2] if given else "", channel)
 
