@@ -19,7 +19,6 @@ from pbd.data.paused_clock import ClockEvent, PausedClock
 from pbd.data.streams import Stream
 from pbd.pose import Array
 from pbd.sensors.decoding import Sample, Tally
-from pbd.sensors.lines import LARGEST_READING
 
 BUFFERS = {
     "gyr": ("gyr_time", "gyrX", "gyrY", "gyrZ"),
@@ -27,6 +26,9 @@ BUFFERS = {
     "mag": ("mag_time", "magX", "magY", "magZ"),
 }
 """Names of the experiment's buffers: each sensor's time, then its three axes."""
+
+LARGEST_READING = {"gyr": 200.0, "acc": 2000.0, "mag": 1e5}
+"""Largest plausible reading, rad/s, m/s2 and uT. No phone measures more."""
 
 MAX_RUN_S = 1e5
 """Largest experiment time, s. Above it, the 8 digits of an answer no longer resolve a millisecond."""
