@@ -58,9 +58,7 @@ class SensorErrors:
 
     Attributes:
         sensor: the sensor's name, as recordings have it.
-        gyr: errors of the gyro, rad/s; None: unknown.
-        acc: errors of the accelerometer, m/s2; None: unknown.
-        mag: errors of the magnetometer, uT; None: unknown.
+        gyr, acc, mag: errors of each triad, rad/s, m/s2 and uT; None: unknown.
         gravity: norm of the specific force at rest, m/s2.
         field: strength of the magnetic field where the sensor was calibrated, uT; None without a magnetometer.
         dip: angle of that field below the horizon, rad; None without a magnetometer.

@@ -94,7 +94,6 @@ class ClaimFit:
     """How well the data agreed with a claim about a stop before the claim was used.
 
     Attributes:
-        saying: the claim, in words.
         t: the middle of the stop, s.
         off_m: misfit, m.
         sigmas: misfit in sigmas. A typical value is 1.5 for a position and 0.7 for a height.

@@ -24,7 +24,6 @@ class PoseCovariance(Frozen):
     It is never stored as a whole: blocks are computed when they are read.
 
     Attributes:
-        count: n.
         multiply: multiplies the covariance by columns: (n, 6, c) -> (n, 6, c).
         diagonal, moves: compute `of_each` and `of_moves`; None: by `multiply`, whose time grows with the square of n.
     """

@@ -23,7 +23,6 @@ class Keyframe(Frozen):
         dwell_s: how long the hand stood still; at an edited keyframe, how long the arm stays.
         cov: (6, 6) m and rad, covariance of position, then rotation vector, in nav.
         grip: True if the grip closes at this stop, False if it opens, None if it does not change.
-        label: a word for people.
         tolerance_m: (3,) allowed deviation along nav's axes: learned from several takes, or given; None: unknown.
         tolerance_rad: allowed deviation of the attitude, from the same sources.
         weight: the tracker's confidence that the hand stood still, 0 to 1.
@@ -94,7 +93,6 @@ class TouchUp(Frozen):
     """A correction of a keyframe's position that a person measured with the arm.
 
     Attributes:
-        t: time of the keyframe, s.
         by_nav_m: (3,) displacement from the position at the time of the measurement, in nav axes.
         only: do not move the other keyframes, although their errors are correlated with this one's.
         undone: the correction is no longer used.

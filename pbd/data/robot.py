@@ -84,7 +84,6 @@ class ServoUnits(Frozen):
         zero: (k,) the model's joint positions where LeRobot reads 0, rad.
         sign: (k,) 1, or -1 where LeRobot's direction is opposite.
         gripper: (2,) the finger joint's positions where LeRobot reads 0 (closed) and 100 (open), rad.
-        source: where these figures come from.
     """
 
     robot_type: str
@@ -129,7 +128,6 @@ class Robot(Frozen):
     """An arm as robots/NAME.toml describes it.
 
     Attributes:
-        urdf, srdf: the model's files.
         package_dirs: folders in which package:// addresses of those files are looked up.
         base: the link whose frame is `base`.
         body: the link in which T_body_tool is given.

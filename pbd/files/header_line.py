@@ -171,7 +171,6 @@ def headerless_advice(path: Path, header: Sequence[str], text: str, above: int) 
 
     Args:
         header: the cells that were read as names.
-        text: the file's text.
         above: number of lines above that row.
     """
     rows = text.split("\n", above + FIRST_ROWS)[above : above + FIRST_ROWS]

@@ -47,7 +47,6 @@ def read_robot(path: Path, *, draft: bool = False) -> Robot:
     Relative `urdf` and `srdf` paths are looked up beside the file, then among example-robot-data's robots.
 
     Args:
-        path: the file.
         draft: home and dock may be missing or wrong. Home is then the middle of the limits, and of the dock only the
             table's height is read.
 

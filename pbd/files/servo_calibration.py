@@ -23,7 +23,6 @@ class ServoCalibration:
     """One servo.
 
     Attributes:
-        id: the servo's id on the bus.
         drive_mode: 1 if the gripper's percentage is reversed.
         homing_offset: counts that the servo subtracts from its encoder.
         range_min, range_max: the ends of the joint's range, in counts after the offset.

@@ -62,11 +62,9 @@ class Sheet:
     """A table whose header has been parsed, but not its rows.
 
     Attributes:
-        body: the text of the rows.
         first_line: the number of the first row's line in the file, counted from 1.
         foreign: another program wrote it; without commas as delimiters, numbers may have decimal commas.
         cells_required: no cell may be empty.
-        preamble: the text above the header.
     """
 
     path: Path

@@ -74,7 +74,6 @@ def from_mesh(
     The triangles are in the file's unit (DAE: metres). The cache's key is a hash of the file's bytes and the options.
 
     Args:
-        path: the mesh file.
         what: the result's name ("hulls") and folder in the cache.
         make: computes named arrays.
         options: other values on which the result depends.

@@ -54,13 +54,7 @@ class FieldValues:
 
 @dataclass(frozen=True, eq=False)
 class DemoValues:
-    """Values that the figures of one tracked demonstration show.
-
-    Attributes:
-        truth: None if it is unknown.
-        field: None without a magnetometer.
-        facts: names and values, in words, for the summary.
-    """
+    """Values that the figures of one tracked demonstration show; `facts`: names and values, in words."""
 
     path: HandPath
     tracking: Tracking

@@ -76,7 +76,6 @@ class Export:
     """What was written.
 
     Attributes:
-        samples: the arm's points.
         receiver: rule of the format's receivers -> largest used fraction of velocity, acceleration and jerk limits.
         episode: the motion's index in a dataset; None in other formats.
     """
@@ -200,7 +199,6 @@ def export_dataset(
     """Write motions of one robot as a LeRobot dataset, or append them to one, atomically.
 
     Args:
-        motions: each with what it was made from.
         folder: a new folder, or a dataset of this robot that pbd wrote.
         task: the task's description; "": each demonstration's name.
 

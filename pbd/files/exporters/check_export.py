@@ -35,8 +35,6 @@ def check_received(request: ExportRequest, points: Samples, rules: tuple[Rule, .
 
     Args:
         request: the planned motion; without its `made_from`, only limits are checked.
-        points: as read from the file.
-        rules: how the format's receivers interpolate.
         digits: relative size of the last digit of the file's numbers.
 
     Raises:

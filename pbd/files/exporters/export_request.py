@@ -15,9 +15,6 @@ class Source:
     """What a motion was made from, for formats that contain more than joints.
 
     Attributes:
-        name: the demonstration's name.
-        keyframes: the trajectory's keyframes.
-        hand: the tracked path of the hand.
         T_base_nav: nav in the robot's base.
         tool: joints (m, k) -> the tool's positions (m, 3), m, and wxyz (m, 4) in base.
         links: joints (k,) and the gripper's opening (1 open, 0 closed) -> link -> its parent and its pose in it.
@@ -40,11 +37,9 @@ class ExportRequest:
     """One motion to be written in one format.
 
     Attributes:
-        format_name: one of FORMATS.
         suffix: the file name's suffix, in lower case.
         rate_hz: samples a second; None: the format's default.
         dense: urscript only: samples at the controller's period instead of keyframes.
-        made_from: what the motion was made from, if known.
         task: lerobot only: the task's description; "": the demonstration's name.
     """
 

@@ -39,14 +39,7 @@ SCAN_HINT = "scan the code of `pbd sensors phyphox` with the app, open it, and a
 
 
 class PhonePort(ByteSource):
-    """phyphox on a phone, as a port whose bytes are the phone's answers.
-
-    Attributes:
-        device: the phone's address.
-        patience_s: time without bytes after which the phone counts as lost, s.
-        trouble: why no samples come now, or "".
-        model: the phone's model name, or "".
-    """
+    """phyphox on a phone, as a port whose bytes are the phone's answers; `model`: the phone's model name, or ""."""
 
     patience_s = PATIENCE_S + 2.0 * ANSWER_S  # longer than the wait of `read`, whose error says more
 
