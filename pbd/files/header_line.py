@@ -14,17 +14,8 @@ from pbd.io.numbers import NO_NUMBER, is_stamp
 FEWEST_CELLS = 4
 """Smallest number of cells in a header (t, ax, ay, az). The lines of a preamble have fewer."""
 
-WIDEST_ROW = 30
-"""Largest number of cells in a row of one sample: time, three sensors, attitude, place, and as many again."""
-
-LABVIEW_END = "***End_of_Header***"
-"""The line that ends the remarks in a file of LabVIEW, some of which are numbers."""
-
 FIRST_ROWS = 20
 """Number of rows that are read to see whether the first column of a table without a header is the time."""
-
-LONGEST_TOP = 2000
-"""Number of characters in which a serial monitor's first time must come."""
 
 _MONITOR = re.compile(r"(?m)^(?:\[(\d[\d:. /-]{7,30})\] *|(\d\d:\d\d:\d\d\.\d+) -> *)(.+)")
 """A line with the time of Tera Term, `[2024-05-01 12:34:56.789] 1,2,3`, or of Arduino, `12:34:56.789 -> 1,2,3`."""
@@ -35,7 +26,8 @@ def find_header(lines: Sequence[str]) -> tuple[int, int] | None:
 
     The header is the last wide line above the first row of numbers, or the first above lines whose cells repeat.
     """
-    begin = max((k for k, line in enumerate(lines) if line.startswith(LABVIEW_END)), default=-1)
+    # In a file of LabVIEW remarks come first; some are numbers.
+    begin = max((k for k, line in enumerate(lines) if line.startswith("***End_of_Header***")), default=-1)
     wide = [k for k, line in enumerate(lines) if k > begin and line.count(delimiter_of(line)) >= FEWEST_CELLS - 1]
     if not wide:
         return None
@@ -89,7 +81,7 @@ def with_delimiters(text: str) -> str:
 
     A serial monitor's times (`12:00:01.250 ->`) become a column of their own.
     """
-    stamped = _MONITOR.search(text[:LONGEST_TOP])
+    stamped = _MONITOR.search(text[:2000])  # its first time comes early
     if stamped and is_stamp(stamped[1] or stamped[2]):
         text = _MONITOR.sub(rf"\1\2{delimiter_of(stamped[3])}\3", text)
     rows = re.sub(r"(?m)^[ \t]*#.*$", "", text) if "#" in text else text
@@ -181,7 +173,7 @@ def headerless_advice(path: Path, header: Sequence[str], text: str, above: int) 
     what = "numbers where the column names should be; add a line with the names above them, "
     if len(cells) < len(ACC) or any(map(is_stamp, cells)):  # the times of --sensor lines are numbers
         return what + "as t,ax,ay,az,gx,gy,gz"
-    if len(cells) > WIDEST_ROW:
+    if len(cells) > 30:  # a sample has the time, three sensors, attitude, place, and at most as many again
         return (
             f"{what}as t,ax,ay,az,gx,gy,gz; if its {len(cells)} columns are several samples, write each in its own row"
         )

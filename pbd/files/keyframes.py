@@ -22,9 +22,6 @@ KEYFRAMES_FILE = "keyframes.toml"
 GRIPS = {"closes": True, "opens": False}
 """Words for `Keyframe.grip`."""
 
-LEAST_TOLERANCE_M, LEAST_TOLERANCE_DEG = 1e-4, 0.01
-"""Smallest tolerances that are written, m and degrees. Smaller ones would be rounded to zero."""
-
 FARTHEST_M = 5.0
 """Largest coordinate of a keyframe in nav, whose origin is the dock, m: twice the reach of a large arm."""
 
@@ -76,10 +73,10 @@ def keyframes_toml(
             f"sigma_deg = {_numbers(np.degrees(sigma[3:]), 2)}",
         ]
         if keyframe.tolerance_m is not None:
-            tolerance_m = np.clip(keyframe.tolerance_m, LEAST_TOLERANCE_M, LARGEST_NUDGE_M)
+            tolerance_m = np.clip(keyframe.tolerance_m, 1e-4, LARGEST_NUDGE_M)  # smaller ones would be rounded to zero
             lines.append(f"tolerance_m = {_numbers(tolerance_m, 4)}")
         if keyframe.tolerance_rad is not None:
-            lines.append(f"tolerance_deg = {max(float(np.degrees(keyframe.tolerance_rad)), LEAST_TOLERANCE_DEG):.2f}")
+            lines.append(f"tolerance_deg = {max(float(np.degrees(keyframe.tolerance_rad)), 0.01):.2f}")
         if keyframe.grip is not None:
             lines.append(f'grip = "{"closes" if keyframe.grip else "opens"}"')
         if keyframe.label:

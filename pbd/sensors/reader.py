@@ -11,9 +11,6 @@ from pbd.errors import SensorError
 READ_TIMEOUT_S = 0.02
 """Longest time that a read of a port, or `Reader.take`, waits for bytes, s."""
 
-TAKE_BYTES = 32768
-"""Number of bytes with which `Reader.take` returns, for its caller's other work: about 0.1 s of the fastest sensor."""
-
 
 class ByteSource(Protocol):
     """A source of a sensor's bytes: a serial port, a phone, a gamepad.
@@ -59,7 +56,7 @@ class Reader:
     def take(self) -> tuple[list[tuple[bytes, float]], SensorError | None]:
         """Return the new pieces with their arrival times, and the error that ended reading, if any."""
         pieces: list[tuple[bytes, float]] = []
-        end = self.bytes_seen + TAKE_BYTES
+        end = self.bytes_seen + 32768  # 0.1 s of the fastest sensor: then the caller has other work to do
         while self.bytes_seen < end:
             try:
                 piece = self._pieces.get_nowait() if pieces else self._pieces.get(timeout=READ_TIMEOUT_S)

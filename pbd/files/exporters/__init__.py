@@ -66,10 +66,6 @@ LOWEST_HZ, HIGHEST_HZ = 10.0, 1e5
 SERVOJ_HZ = (125.0, 500.0)
 """Control rates of a CB3 and of an e-Series controller, Hz, for urscript's --dense."""
 
-CUBIC_EXCESS = 0.1
-"""Largest excess over a limit, as a fraction of it, that causes no warning if a receiver joins the samples of a "hold"
-format by cubics. At 1 kHz a panda exceeds its acceleration limit by 0.07 (docs/exports.md)."""
-
 
 @dataclass(frozen=True, eq=False)
 class Export:
@@ -185,7 +181,7 @@ def export(
             receiver = check_received(request, file.read(unfinished), rules)
     if request.format.rules == ("hold",):  # warn of receivers that interpolate by cubics
         worst = max(limit_shares(points, "cubic", robot.limits), key=lambda share: share.value)
-        if worst.value > 1.0 + CUBIC_EXCESS:
+        if worst.value > 1.1:  # at 1 kHz a panda reaches 1.07 times its acceleration limit (docs/exports.md)
             warn(
                 f"{limit_use(request, points, 'cubic', worst)}; send each sample at its time, give a higher --rate, or "
                 "take ros2-json, which is exact"

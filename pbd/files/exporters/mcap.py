@@ -28,9 +28,6 @@ TOOL, NAV, SENSOR = "pbd_tool", "nav", "sensor"
 UNDATED_NS = 10**9
 """Start of the bag, ns, if the recording has no date. In ROS, zero means "now"."""
 
-LATEST_NS = (2**31 - 10**6) * 10**9
-"""Latest start of a bag, ns. ROS counts seconds in 32 bits, so after that a recording counts as undated."""
-
 
 def check(robot: Robot) -> None:
     """Refuse if rosbags is missing (PbdError)."""
@@ -207,7 +204,7 @@ def _start_ns(created: str | None) -> int:
     if created is None:
         return UNDATED_NS
     ns = 1000 * ((instant_of(created) - datetime.fromtimestamp(0, UTC)) // timedelta(microseconds=1))
-    return ns if UNDATED_NS <= ns <= LATEST_NS else UNDATED_NS
+    return ns if UNDATED_NS <= ns <= (2**31 - 10**6) * 10**9 else UNDATED_NS  # ROS counts seconds in 32 bits
 
 
 def _xyz(v: Array) -> dict[str, float]:
