@@ -138,7 +138,7 @@ def estimate_jointly(
 ) -> JointEstimate:
     """Estimate all unknowns by Gauss-Newton; each iteration also improves the scatter by its marginal likelihood.
 
-    From an estimate with another scatter, one iteration suffices if the scatter is held fixed.
+    From an estimate with another scatter, one iteration suffices for the fit to this scatter.
     """
     takes, devices = len(observations.marginals), len(x.devices)
     columns = _Columns(len(x.m), len(x.yaw), takes, devices)

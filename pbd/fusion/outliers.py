@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from pbd.fusion.joint_estimate import JointEstimate, Observations, estimate_jointly
 from pbd.fusion.matching import TURN_LEVER_M
-from pbd.fusion.scatter import Scatter, common_scatter
+from pbd.fusion.scatter import common_scatter
 from pbd.pose import lengths
 
 FALSE_ALARM_CHANCE = 0.01
@@ -22,9 +22,6 @@ LEAST_TAKES = 3
 
 RAISED_SIGMAS = 2.0
 """How far the scatter is raised for the test, in sigmas of its logarithm: a few takes show the scatter inaccurately."""
-
-FIXED_SPREAD = 1e-3
-"""Prior sigma of the logarithm of a scatter that is held fixed."""
 
 
 def without_outlying_keyframes(
@@ -100,13 +97,8 @@ def _is_outlier(
 
     prior = replace(common_scatter(len(joint.state.m)), log=joint.scatter.log)
     without = estimate_jointly(rest, joint.state, prior).scatter
-    raised = _held(replace(without, log=without.log + RAISED_SIGMAS * without.log_sigma))
+    raised = replace(without, log=without.log + RAISED_SIGMAS * without.log_sigma)
     again = estimate_jointly(observations, joint.state, raised, iterations=1)
     position, attitude = rows.reshape(-1, 2, 3).swapaxes(0, 1).reshape(2, -1)
     limit = chdtri(len(position), 0.5 * FALSE_ALARM_CHANCE / tests)
     return bool((again.chi_squares([position, attitude]) > limit).any())
-
-
-def _held(scatter: Scatter) -> Scatter:
-    """Return the scatter, held fixed in an estimate."""
-    return replace(scatter, prior_log=scatter.log, prior_spread=np.full(len(scatter.log), FIXED_SPREAD))

@@ -78,20 +78,17 @@ class _Calm(NamedTuple):
     """A calm span, rows start <= i < stop.
 
     Attributes:
+        restless: its `restlessness`.
         acc, gyr: m/s2 and rad/s, rms of the accelerometer and of the gyro in it, all axes together.
         least_acc: m/s2, the smallest rms of the accelerometer in any span of this length.
     """
 
     start: int
     stop: int
+    restless: float
     acc: float
     gyr: float
     least_acc: float
-
-    @property
-    def restless(self) -> float:
-        """Its `restlessness`."""
-        return float(restlessness(self.acc**2, self.gyr**2))
 
     def is_below(self, acc: float, gyr: float) -> bool:
         return self.acc <= acc and self.gyr <= gyr
@@ -164,7 +161,7 @@ def _first_calm(recording: Recording, gyr: Array, length_s: float) -> _Calm:
     quiet &= off <= max(QUIET_GYR, float(off[quiet].min()))
     start = int(np.argmax(quiet))
     rms = (float(np.sqrt(each)) for each in (acc_var[start], gyr_var[start], acc_var.min()))
-    return _Calm(start, start + length, *rms)
+    return _Calm(start, start + length, float(restless[start]), *rms)
 
 
 def likely_unit(norm_at_rest: float, factor: float) -> str | None:

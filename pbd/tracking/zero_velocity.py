@@ -120,7 +120,7 @@ def find_candidates(t: Array, dt: float, energy: Energies, rest: Rest, gaps: Seq
     found = _merge_close(t, runs(still), gaps)
     # Acceleration changes most where a smooth move begins and ends. Where it is not loud, only the rate shows the move.
     sharp = window_maxima(np.pad(energy.acc > limits[0], 2 * n - 1), 3 * n)
-    return without_slow_ends(t, found, np.sqrt(_at_rows(energy.gyr, len(t))), sharp)
+    return without_slow_ends(t, found, np.sqrt(at_rows(energy.gyr, len(t))), sharp)
 
 
 def _quiet(energy: Energies, limits: tuple[float, float]) -> Any:
@@ -171,23 +171,18 @@ def _move_energy(energy: Array, n: int, dt: float) -> Array:
     return window_maxima(least, 2 * reach + 2 - lasting)
 
 
-def zero_velocity_sigma(energy: Energies, n: int, dt: float, noise: Noise) -> Array:
-    """Sigma of zero velocity, m/s per axis, at each of n rows.
-
-    A hand at rest creeps, trembles (acceleration above the sensor's noise) and turns about a point beside the sensor
-    (rate above the sensor's noise).
-    """
-    return _at_rows(sigma_by_energies(energy, dt, noise), n)
-
-
-def _at_rows(of_windows: Array, n: int) -> Array:
+def at_rows(of_windows: Array, n: int) -> Array:
     """Values of windows at the n rows that are in their middle."""
     before = (n - len(of_windows) + 1) // 2
     return np.pad(of_windows, (before, n - len(of_windows) - before), mode="edge")
 
 
-def sigma_by_energies(energy: Energies, dt: float, noise: Noise) -> Array:
-    """Sigma of zero velocity (m,), m/s per axis, in each window; `dt` is the sampling interval, s."""
+def zero_velocity_sigma(energy: Energies, dt: float, noise: Noise) -> Array:
+    """Sigma of zero velocity (m,), m/s per axis, in each window; `dt` is the sampling interval, s.
+
+    A hand at rest creeps, trembles (acceleration above the sensor's noise) and turns about a point beside the sensor
+    (rate above the sensor's noise).
+    """
     of_acc, of_gyr = (white_energy(density / dt**0.5, 1.0 / dt) for density in (noise.acc_density, noise.gyr_density))
     shaken = np.maximum(energy.acc - of_acc, 0.0) / (2.0 * np.pi * noise.tremor_hz) ** 2
     turned = noise.pivot_scatter**2 * np.maximum(energy.gyr - of_gyr, 0.0)
@@ -219,13 +214,8 @@ def lasts(t: Array, span: tuple[int, int], least_s: float) -> bool:
 
 def runs(flags: NDArray[np.bool_]) -> Spans:
     """Half-open ranges of rows whose flag is true."""
-    return [(start, stop) for start, stop in run_edges(flags).tolist()]
-
-
-def run_edges(flags: NDArray[np.bool_]) -> NDArray[np.intp]:
-    """`runs` as an array (k, 2)."""
-    padded = np.concatenate(([False], flags, [False]))
-    return np.flatnonzero(padded[1:] != padded[:-1]).reshape(-1, 2)
+    edges = np.flatnonzero(np.diff(flags, prepend=False, append=False)).tolist()
+    return list(zip(edges[::2], edges[1::2], strict=True))
 
 
 def _merge_close(t: Array, spans: Spans, gaps: Sequence[tuple[int, int]] = ()) -> Spans:

@@ -21,7 +21,7 @@ from pbd.tracking.online.sway import deviation_from_line, sway_of
 from pbd.tracking.smoother.doubtful_stops import SLOW_SPEED
 from pbd.tracking.smoother.knots import STOP_KNOT_S
 from pbd.tracking.smoother.preintegration import BLOCK_S, GYR_BIAS, integral_of_means
-from pbd.tracking.zero_velocity import ENERGY_WINDOW_S, SHORTEST_MOVE_S, QuietWindows, energies, sigma_by_energies
+from pbd.tracking.zero_velocity import ENERGY_WINDOW_S, SHORTEST_MOVE_S, QuietWindows, energies, zero_velocity_sigma
 
 CONFIRM_S, CONFIRM_DOUBTED_S, CONFIRM_NO_GYRO_S = 0.2, 2.0, 0.6
 """Time at rest, s, before a stop is announced: a clear stop; a doubtful one; a doubtful one without a gyro. The time of
@@ -143,7 +143,7 @@ class LiveHand:
         force, rate = (np.array(seen) for seen in zip(*((u, rate) for _, u, rate in self._window), strict=True))
         rate = rate - self._filter.x[GYR_BIAS]  # it drifts while the gyro warms up
         energy = energies(force, rate, min(self._n, len(force))).latest(self._beside)
-        self._sigma = float(sigma_by_energies(energy, self._interval, self._noise))
+        self._sigma = float(zero_velocity_sigma(energy, self._interval, self._noise))
         if not self._no_gyro:
             # The tremor's velocity is the residual of a straight line through the velocity in the window.
             t = np.array([sample.t for sample, _, _ in self._window])[-self._n :]

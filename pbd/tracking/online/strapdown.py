@@ -30,9 +30,6 @@ CLIPPED_RATE, CLIPPED_SHARE = 3.0, 0.2
 """Smallest rate, rad/s, at which a gyro axis that repeats its largest reading counts as clipped.
 One sigma of the rate that is lost by clipping, as a share of the largest reading."""
 
-ROUNDING = np.diag(np.repeat(np.square(ROUNDING_SIGMAS), 3))
-"""Covariance (9, 9) of the rounding error of all legs in MOVE_KNOT_S."""
-
 
 @dataclass(frozen=True, eq=False)
 class Leg:
@@ -156,7 +153,8 @@ class Strapdown:
         g, a = np.add((s_g, s_a), self._gap_noise)
         g, a, to_end, h = np.array([g, a, 0.5 * T, T])[:, None]
         white: Array = block_noise(self.U[None] / T, g, a, to_end, h, np.array([0]))[0]
-        return white + ROUNDING * T / MOVE_KNOT_S
+        rounding = np.repeat(np.square(ROUNDING_SIGMAS), 3)  # of a leg of the smoother
+        return white + np.diag(rounding * T / MOVE_KNOT_S)
 
 
 def _middles(dt: float, earlier: Array, before: Array, own: Array) -> Array:

@@ -22,9 +22,6 @@ from pbd.tracking.zero_velocity import ENERGY_WINDOW_S
 
 __all__ = ["DataFlaw", "LiveEvent", "LiveTracker", "RestFound", "StopBegan", "StopEnded"]
 
-NO_READING = readonly(np.full(3, np.nan))
-"""A row of the gyro that lacks its numbers."""
-
 
 class LiveTracker:
     """Tracks a hand sample by sample, once the sensor has rested for a second.
@@ -114,7 +111,7 @@ class LiveTracker:
         self, t: float, acc: Array | None, gyr: Array | None, mag: Array | None, device_rpy: Array | None
     ) -> list[LiveEvent]:
         before = self._recent[-1] if self._recent else None
-        turn = NO_READING if gyr is None else gyr
+        turn = np.full(3, np.nan) if gyr is None else gyr
         samples, wrong = self._repair.take(t, acc, turn if self._has_gyro else None, mag, device_rpy)
         events: list[LiveEvent] = [DataFlaw(t if before is None else before.t, each) for each in wrong]
         if self._hand is not None:

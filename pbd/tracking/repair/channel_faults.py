@@ -17,7 +17,7 @@ from pbd.tracking.first_rest import STILL_ACC
 from pbd.tracking.moving_windows import window_moments
 from pbd.tracking.repair.clock import SLOWEST_HZ, row_changes
 from pbd.tracking.repair.gaps import BRIDGED_S
-from pbd.tracking.zero_velocity import run_edges, runs
+from pbd.tracking.zero_velocity import runs
 
 SENSOR_NAMES = {"acc": "accelerometer", "gyr": "gyro"}
 
@@ -104,8 +104,9 @@ def stuck_axes(recording: Recording) -> Iterator[tuple[str, int, int, int]]:
         values = getattr(recording, name)
         step = 0.0 if values is None else ROUNDED_ROUGHNESS * resolution_of(values)
         for axis in range(3) if values is not None else ():
-            spans = run_edges((values[1:, axis] == values[:-1, axis]) & seen)
-            for start, last in spans[np.diff(recording.t[spans], axis=1)[:, 0] >= STUCK_AXIS_S].tolist():
+            for start, last in runs((values[1:, axis] == values[:-1, axis]) & seen):
+                if recording.t[last] - recording.t[start] < STUCK_AXIS_S:
+                    continue
                 part = values[start : last + 1]
                 live = (np.abs(np.diff(part, axis=0)) > ROUNDING).mean(axis=0) >= LIVE_SHARE
                 shown = values[:, live], part[:, live]  # within a move no noise may show

@@ -18,7 +18,7 @@ from pbd.tracking.smoother.hard_iron import find_hard_iron
 from pbd.tracking.smoother.knots import Problem
 from pbd.tracking.smoother.normal_equations import Solved
 from pbd.tracking.smoother.preintegration import GYR_MATRIX, LAG
-from pbd.tracking.smoother.state import SHARED, Prior, State
+from pbd.tracking.smoother.state import SHARED, State
 
 REMOVED_LAG = 0.005
 """s: smallest lag of the gyro that is removed from the samples."""
@@ -54,13 +54,11 @@ class LargeErrors:
         return replace(recording, gyr=gyr, mag=mag)
 
 
-def find_large_errors(
-    problem: Problem, found: Descent, mag: Array | None, removed: LargeErrors, prior: Prior
-) -> tuple[LargeErrors, Prior] | None:
-    """Find large errors that are left; return all that are to be removed, and the prior of the next solution.
+def find_large_errors(problem: Problem, found: Descent, mag: Array | None, removed: LargeErrors) -> LargeErrors | None:
+    """Find large errors that are left; return all that are to be removed.
 
     Args:
-        found: the solution of `problem` with this `prior`.
+        found: the solution of `problem` with wide priors.
         mag: (n, 3), the magnetic field as measured, or None.
         removed: what was removed before.
     """
@@ -71,7 +69,7 @@ def find_large_errors(
     if not (more_lag or more_scale or iron) or abs(lag + more_lag) > OUTLIER_SIGMAS * noise.wide_lag_sigma:
         return None
     scale = (1.0 + removed.scale) * (1.0 + more_scale) - 1.0
-    return LargeErrors(lag + more_lag, scale, *(iron or (removed.hard_iron, removed.azimuth))), prior
+    return LargeErrors(lag + more_lag, scale, *(iron or (removed.hard_iron, removed.azimuth)))
 
 
 def _large_lag_and_scale(x: State, solved: Solved) -> tuple[float, float]:

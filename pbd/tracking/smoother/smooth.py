@@ -26,7 +26,7 @@ from pbd.tracking.smoother.normal_equations import Solved
 from pbd.tracking.smoother.path import SensorPath, path_of
 from pbd.tracking.smoother.preintegration import LAG, LostMotion
 from pbd.tracking.smoother.state import SHARED, SHARED_GRAVITY, Fixed, Prior, State
-from pbd.tracking.zero_velocity import ENERGY_WINDOW_S, energies, find_candidates, zero_velocity_sigma
+from pbd.tracking.zero_velocity import ENERGY_WINDOW_S, at_rows, energies, find_candidates, zero_velocity_sigma
 
 ANNEALING = (20.0, 3.0)
 """Factors on a stop's velocity sigma before it has its own size. From an earlier solution only the last is used."""
@@ -130,7 +130,7 @@ def smooth(
         energy = energies(force, rate - drift, window)
         if stops is None:
             stops = find_candidates(frame.t, frame.dt, energy, rest, gaps)
-        still_sigma = zero_velocity_sigma(energy, len(frame.t), frame.dt, noise)
+        still_sigma = at_rows(zero_velocity_sigma(energy, frame.dt, noise), len(frame.t))
         del energy  # of a long recording it is large
         density = row_noise(frame, rest, noise, all_gaps, no_gyro)
         if not stops:
@@ -148,10 +148,10 @@ def smooth(
             if sum(stop - start for start, stop in more) > sum(stop - start for start, stop in stops):
                 stops = more
                 continue
-        large = find_large_errors(problem, found, recording.mag, removed, prior)
+        large = find_large_errors(problem, found, recording.mag, removed)
         if large is None:
             break
-        removed, prior = large
+        removed = large
     narrow = Prior(noise.lag if removed.lag == 0.0 else 0.0, noise.lag_sigma)
     # The model is linear in lag and scale, so the prior can be exchanged without a new linearisation.
     change = shared_prior(problem, found.at, narrow) - shared_prior(problem, found.at, prior)
