@@ -60,14 +60,11 @@ class TaskState:
         return quat_to_matrix(quat_about_z(self.yaw))
 
     def in_case_axes(self, device: int) -> TaskState:
-        """Return the state for the axes of the sensor's case instead of those of its accelerometer.
+        """Return the state for the axes of the case instead of the accelerometer's, of the first take's `device`.
 
         The smoother defines the accelerometer's axes as exact: its matrix N has no upper half. If the axes of both
         sensors are misaligned with the case at random, and equally much, then the best estimate of the case's rotation
         is a quarter of (M + N) - (M + N)', with M the gyro's matrix.
-
-        Args:
-            device: number of the first take's device.
         """
         M, N = self.devices[device][GYR_MATRIX].reshape(3, 3), lower_matrix(self.devices[device][ACC_MATRIX])
         skewed = M + N - (M + N).T

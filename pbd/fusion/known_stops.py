@@ -22,8 +22,7 @@ def condition_on_known_stops(
     Points given in base are not used here; the fused path uses them (`points_in_base`).
 
     Args:
-        take: a take.
-        marginal: the take's, not conditioned yet.
+        take, marginal: a take and its marginal, not conditioned yet.
         Q, lever: (3, 3) and (3,) m, the sensor's rotation and shift in the hand relative to the first take.
         calibration: its mount is that of the first take.
         refuse: raise an error where a claim contradicts the take. Not for first guesses of Q and lever.
@@ -58,8 +57,7 @@ def points_in_base(
     Each keyframe counts once, because the dock's error is the same in all takes.
 
     Args:
-        takes: those in the estimate.
-        own: for each take, its own keyframe at each of the task's keyframes, or None.
+        takes, own: those in the estimate; of each, its own keyframe at each of the task's keyframes, or None.
         stops, t: the fused path's stops, and its times (n,) s.
     """
     found: dict[int, Place] = {}

@@ -98,13 +98,11 @@ def _from_joint(p: Array, R: Array, device: Array, cov: Array, prior: Array, mea
 
 
 def conditioned(marginal: Marginal, H: Array, noise: Array, misfit: Array) -> Marginal:
-    """Return the marginal after a linear measurement of its keyframes: a Kalman update in Joseph's form.
+    """Return the marginal after a linear measurement of its n keyframes: a Kalman update in Joseph's form.
 
     Args:
-        marginal: n keyframes, before the measurement.
         H: (6n, m), derivatives of the measurement by each position and rotation vector.
-        noise: (m, m), covariance of the measurement.
-        misfit: (m,), measured minus predicted value.
+        noise, misfit: (m, m) covariance of the measurement; (m,) measured minus predicted value.
     """
     n, cross = len(H), marginal.by_device @ marginal._cov_device
     cov = np.block([[marginal.cov_poses, cross], [cross.T, marginal._cov_device]])

@@ -46,10 +46,9 @@ class MeanPath(NamedTuple):
 
 
 def average_paths(paths: Sequence[TakePath], m: Array, A: Array, interval: float) -> MeanPath:
-    """Average takes between keyframes; dwells and durations are medians.
+    """Average takes between keyframes, each move over those that have both its ends; times are medians.
 
     Args:
-        paths: the takes' paths. A move is the mean of the takes that have both its ends.
         m, A: (J, 3) m and (J, 3, 3), the task's keyframes, at which the mean path stops.
         interval: s, time between two rows.
 

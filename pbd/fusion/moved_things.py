@@ -106,12 +106,8 @@ def find_moved_keyframes(takes: Sequence[Keyframes]) -> MovedKeyframes | None:
 
 
 def another_thing(moved: MovedKeyframes, takes: Sequence[Keyframes]) -> str:
-    """Say which keyframes move with a second object, which has no frame of its own; "" if there is none.
-
-    Args:
-        moved: what moved with the first object.
-        takes: those in which `moved` was found, after `put_back`.
-    """
+    """Say which keyframes move with a second object, which has no frame of its own; "" if there is none. The takes are
+    those in which `moved` was found, after `put_back`."""
     also = find_moved_keyframes(takes)
     if also is None or (also.first <= moved.last and also.last >= moved.first):
         return ""
@@ -125,11 +121,9 @@ def another_thing(moved: MovedKeyframes, takes: Sequence[Keyframes]) -> str:
 def _gain(together: Array, apart: Array, count: int) -> float:
     """Return one take's log likelihood ratio minus the penalty for the additional frame, which has four unknowns.
 
-    Source: G. Schwarz, Estimating the dimension of a model, Annals of Statistics 6 (1978).
+    `together` and `apart` (2,) are misfits of `count` keyframes in position and attitude, in squared sigmas.
 
-    Args:
-        together, apart: misfits (2,) of both hypotheses in position and attitude, in squared sigmas.
-        count: number of keyframes.
+    Source: G. Schwarz, Estimating the dimension of a model, Annals of Statistics 6 (1978).
     """
     rows = 6 * count
     return float(0.5 * rows * np.log(max(together.sum(), rows) / max(apart.sum(), rows)) - 2.0 * np.log(rows))

@@ -49,12 +49,8 @@ def disagreement(observations: Observations, joint: JointEstimate, names: Sequen
 
 
 def _outlying_keyframe(observations: Observations, joint: JointEstimate, takes: int) -> tuple[int, int] | None:
-    """Return the worst keyframe of a take if it is an outlier.
-
-    Args:
-        observations, joint: input and result of the joint estimate.
-        takes: only keyframes that this number of takes have are tested; for LEAST_TAKES, that number or more.
-    """
+    """Return the worst keyframe of a take if it is an outlier, of those that `takes` takes have; for LEAST_TAKES, that
+    number or more."""
     counts = np.bincount(observations.at)[observations.at]
     tested = np.flatnonzero((counts == takes) | ((counts > takes) & (takes >= LEAST_TAKES)))
     if not len(tested):

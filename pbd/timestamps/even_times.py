@@ -33,9 +33,7 @@ NOMINAL_TOLERANCE = 0.01
 def even_times(t: Array, nominal_hz: float | None = None) -> tuple[Array, str]:
     """Evenly spaced times (n,) s for stamps (n,) s of different samples; lost samples stay lost.
 
-    Args:
-        t: it must not run backwards.
-        nominal_hz: the sensor's rate, if it is known.
+    The stamps must not run backwards; `nominal_hz` is the sensor's rate, if it is known.
 
     Returns:
         The times, and the fault of the stamps: "jitter", "come in batches", or "come in steps of ... ms"; "" if they

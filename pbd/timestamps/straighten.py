@@ -76,13 +76,8 @@ DRIFT_ROUNDS = 6
 def straighten(arrival: Array, burst_s: float = LONGEST_BURST_S, complete: bool = False) -> tuple[Array, int]:
     """Convert arrival times (n,) s to times (n,) s from 0, as even as the sensor's rate, with gaps at the losses.
 
-    Args:
-        arrival: (n,) s.
-        burst_s: longest burst, s. The least delay is sought within BURST_BATCHES batches, if that is longer.
-        complete: it is known that no sample is lost.
-
-    Returns:
-        The times, and how many samples were lost.
+    The least delay is sought within `burst_s`, the longest burst, or BURST_BATCHES batches, if that is longer. If
+    `complete`, it is known that no sample is lost. Returns the times, and how many samples were lost.
     """
     n, steps = len(arrival), np.diff(arrival)
     # The last sample of each batch; the last batch may be cut off. A backlog is read in several pieces.
@@ -172,8 +167,7 @@ def first_slope(k: Array, arrival: Array, batch: int) -> float:
     is that of their convex hull.
 
     Args:
-        k: (n,) index of the sample that ends the batch, lost samples not counted.
-        arrival: (n,) s.
+        k, arrival: (n,) index of the sample that ends the batch, lost ones not counted; (n,) s.
         batch: usual number of samples in a batch.
     """
     block = max(FIRST_BLOCK_SAMPLES // batch, 1)

@@ -33,9 +33,7 @@ def apply_constraints(
 
     Args:
         path: as tracked, without constraints.
-        known: what a person knows of its stops.
-        calibration: for the lever from sensor to tool, positions in base and the table's height.
-        T_base_nav: nav in base, with a calibration.
+        known, calibration, T_base_nav: as `claims_of` takes them.
 
     Returns:
         The path with new poses, velocities (the derivative of position, zero in stops) and covariance, and the fit of

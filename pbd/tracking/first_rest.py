@@ -95,7 +95,7 @@ class _Calm(NamedTuple):
 
 
 def find_rest(recording: Recording, shortest_s: float = SHORT_REST_S) -> Rest:
-    """Find the first quiet second of a recording without NaN, or half second where the hand moves in any second.
+    """Find the first quiet second of a recording, or half second where the hand moves in any second.
 
     A shorter recording is taken as a whole. A steady turn about the vertical is as quiet as a rest. So the gyro's mean
     in the rest must be that of most quiet seconds.

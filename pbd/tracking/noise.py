@@ -161,8 +161,7 @@ def noise_of(
     """Noise of a recording: white densities from its rest, all else from the sensor's class or a calibration.
 
     Args:
-        recording: its `info.sensor` gives the class.
-        rest: the rest in which white noise is measured.
+        recording, rest: `info.sensor` gives the class, the rest white noise.
         errors: the calibration's, already corrected in the recording. They also give the local gravity.
         steps: smallest steps of the readings of the gyro, rad/s, and the accelerometer, m/s2; by default the
             recording's own.
@@ -229,14 +228,9 @@ def densities(noise: Noise, gyr: Array, u: Array, dt: float, up: Array | None = 
 
 
 def _bends(means: Array, n: int, noise: Noise, dt: float) -> Array:
-    """Squared second differences (m2/s4) beyond white noise, estimated from fourth differences.
+    """Squared second differences (m2/s4) beyond white noise, by fourth differences: these ignore a steady jerk.
 
-    Fourth differences ignore a constant or steadily changing jerk.
-
-    Args:
-        means: (m, 3) m/s2, moving means over n samples, taken twice.
-        n: samples in a mean, and in the interval of a difference.
-        dt: s, sampling interval.
+    `means` (m, 3) m/s2 are moving means over n samples, taken twice; differences are over n samples, dt s apart.
     """
     second = means[2 * n :] - 2.0 * means[n:-n] + means[: -2 * n]
     fourth = second[2 * n :] - 2.0 * second[n:-n] + second[: -2 * n]

@@ -60,9 +60,8 @@ def track_as_paper(recording: Recording, rest: Rest) -> Estimate:
 
 
 def paper_attitude(recording: Recording) -> Array:
-    """Orientation of the sensor in nav, (n, 4) wxyz.
-
-    Roll and pitch come from the device, or from its low-passed accelerometer; yaw comes from `filter_yaw`.
+    """Orientation of the sensor in nav, (n, 4) wxyz: roll and pitch from the device, or from its low-passed
+    accelerometer; yaw from `filter_yaw`.
 
     Raises:
         TrackingError: there is no compass: neither the device's attitude nor a magnetometer.
@@ -90,14 +89,8 @@ def paper_attitude(recording: Recording) -> Array:
 def filter_yaw(t: Array, rate: Array, compass: Array, *, with_gyro: bool) -> tuple[Array, Array]:
     """Kalman filter of yaw and gyro bias: the gyro is the input, the compass the measurement (wrapped innovations).
 
-    Args:
-        t: (n,) s.
-        rate: (n,) rad/s, yaw rate by the gyro.
-        compass: (n,) rad.
-        with_gyro: if False, the rate is unknown and the filter follows the compass.
-
-    Returns:
-        yaw (n,) rad and bias (n,) rad/s.
+    Takes t (n,) s, the yaw rate by the gyro (n,) rad/s, and the compass (n,) rad; without a gyro the rate is unknown,
+    and the filter follows the compass. Returns yaw (n,) rad and bias (n,) rad/s.
     """
     from filterpy.kalman import KalmanFilter
 

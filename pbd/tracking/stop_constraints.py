@@ -119,8 +119,7 @@ def claims_of(
     """The constraints that follow from what is known. One that needs a missing calibration is left out, with a warning.
 
     Args:
-        path: as tracked.
-        known: what a person knows of its stops.
+        path, known: as tracked; what a person knows of its stops.
         calibration: gives the lever from sensor to tool (else 0), the table's height and the scale.
         T_base_nav: nav in base; without it positions in base and the table's height can't be used.
 

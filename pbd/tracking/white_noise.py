@@ -62,13 +62,9 @@ def white_energy(rms: float, rate_hz: float) -> float:
 def _rounding(step: float, rms: float) -> tuple[float, float]:
     """White part of a rounding error, rms per axis, and the part that stays constant while the reading does.
 
-    Noise larger than the step makes the rounding error white (dither). Of smaller noise, a share
+    Noise larger than the step makes the rounding error white (dither). Of smaller noise, of `rms` per axis, a share
     exp(-2 pi^2 rms^2 / step^2) of the error is constant in a rest and differs between rests. It adds to the bias, and
     to its random walk per sqrt(s).
-
-    Args:
-        step: of one sensor's readings.
-        rms: per axis, at rest.
 
     Source: B. Widrow, I. Kollar, Quantization noise, Cambridge 2008, 9.
     """

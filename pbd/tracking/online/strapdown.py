@@ -48,8 +48,8 @@ class Leg:
 class Strapdown:
     """The gyro frame of `preintegration`, one sample at a time.
 
-    From sample to sample, `preintegration` integrates a cubic that also uses the next sample. Here the cubic uses the
-    edges of the last three intervals. Differences of consecutive steps have opposite signs, so they do not add up.
+    `preintegration` integrates a cubic that also uses the next sample; here it uses the edges of the last three
+    intervals. Differences of consecutive steps have opposite signs, so they do not add up.
 
     Attributes:
         C: (3, 3) gyro frame <- sensor.

@@ -15,14 +15,10 @@ def deviation_from_line(t: Array, values: Array) -> Array:
 
 
 def sway_of(t: Array, angle: Array) -> float:
-    """How a swaying hand turns, as a random walk of its angle, rad/sqrt(s).
+    """How a swaying hand turns, as a random walk of its angle, rad/sqrt(s), by angles (n, 3) rad at times t (n,) s.
 
     It is twice the largest excursion from a steady turn, as in the smoother (`knots`). A steady turn is left out,
     because the gyro's bias looks the same. A slow sway looks like a steady turn unless it is seen for long.
-
-    Args:
-        t: (n,) s.
-        angle: (n, 3) rad, the integral of the gyro's rate.
     """
     lasts, turned = max(float(t[-1] - t[0]), np.finfo(float).tiny), angle - angle[0]
     steady = ((t - t[0]) / lasts)[:, None] * turned[-1]

@@ -119,15 +119,13 @@ def find_axis_error(
 ) -> Contradiction | None:
     """Find the mapping that removes all contradictions, by all witnesses or only the first ones.
 
-    The last witnesses may be wrong: the device's own attitude lags, iron bends the field.
+    The last witnesses may be wrong: the device's own attitude lags, iron bends the field. None: nothing contradicts the
+    gyro, or no mapping removes the contradictions.
 
     Args:
         witnesses: gravity first.
         turn: factor on the gyro -> its rotations (k, 3, 3) from the first moment's axes to the second's.
         source: the file's columns, which the message names.
-
-    Returns:
-        None if nothing contradicts the gyro, or no mapping removes the contradictions.
     """
     search = _Search(witnesses, turn, source)
     found = search.find_mapping()

@@ -127,11 +127,8 @@ def magnetometer_is_dead(recording: Recording) -> bool:
 def frozen_rows(recording: Recording, filled: NDArray[np.bool_] | None = None) -> NDArray[np.bool_]:
     """Rows (n,) in which both sensors, or the accelerometer alone, repeat themselves for too long.
 
-    A sensor without noise is left to `refuse_freezes`. The gyro alone does not count: some read 0 at rest.
-
-    Args:
-        recording: without NaN.
-        filled: (n,) interpolated rows; None: none.
+    A sensor without noise is left to `refuse_freezes`. The gyro alone does not count: some read 0 at rest. Rows that
+    are `filled` (n,) were interpolated; None: none.
     """
     acc = recording.acc
     clipped = ((acc == acc.max(axis=0)) | (acc == acc.min(axis=0))).all(axis=1)  # all axes at an end of their range
@@ -154,13 +151,9 @@ def _held_too_long(recording: Recording, same: NDArray[np.bool_]) -> NDArray[np.
 
 
 def refuse_freezes(recording: Recording, v_nav: Array) -> None:
-    """Refuse a sensor that repeats itself while the hand moves, judged by the path.
+    """Refuse a sensor that repeats itself while the hand moves, by the path's velocity (n, 3) m/s, zero in stops.
 
     Halfway through a move a sensor may read what it reads at rest. If it freezes there, the hand seems to stop dead.
-
-    Args:
-        recording: without NaN.
-        v_nav: (n, 3) m/s, the path's velocity, zero in stops.
 
     Raises:
         TrackingError: with row and time.

@@ -80,12 +80,8 @@ def warn_of_gaps(gaps: list[Gap], t: Array, interval: float) -> None:
 def refuse_gaps(gaps: tuple[Gap, ...], recording: Recording, stops: tuple[Stop, ...], *, accept: bool) -> None:
     """Refuse a gap in a move, and a long gap in a rest. Warn of a short gap in a rest, which can hide little.
 
-    The sensor's attitude after the gap proves nothing: the hand may be elsewhere, and as level as before.
-
-    Args:
-        gaps, recording: from `repair_recording`.
-        stops: in order.
-        accept: only warn of gaps in rests, because a person knows that the hand stood still.
+    The sensor's attitude after the gap proves nothing: the hand may be elsewhere, and as level as before. With
+    `accept`, only warn of gaps in rests, because a person knows that the hand stood still.
 
     Raises:
         TrackingError: with `t`, `row` and the gap's length (`value`).

@@ -1,19 +1,14 @@
 """Find samples at the end of a sensor's range (clipped), and extrapolate the peaks from their sides.
 
-A clipped axis repeats one reading: a flat top with steep sides. The motion above it is lost. The smoother estimates the
-error of the extrapolation: gravity at the stops shows the lost turn, the stop after a move shows the lost velocity.
+A clipped axis repeats one reading: a flat top with steep sides. The smoother estimates the error of the extrapolation:
+gravity at the stops shows the lost turn, the stop after a move shows the lost velocity.
 
-A rounded peak may have a flat top too, if the resolution is coarse or by chance of the noise. With a coarse resolution
-m samples lie within one step, but then the sides fall by few steps. By chance, every reading after the first falls on
-the same one of all steps within reach of noise and motion; the fall of the sides shows their number. With little noise,
-a rounded peak with such sides can't be flat; with much noise, its readings would scatter. For a parabola with
-white noise of any size the chance of m equal samples is at most (2.5 steps / fall)^(m - 1), from m = 3 on, with the
-fall of the sides over two samples. (Two samples are always alike if the peak lies midway between them.)
+A rounded peak may have a flat top too, by a coarse resolution or by chance. For a parabola with white noise of any size
+the chance of m equal samples is at most (2.5 steps / fall)^(m - 1), from m = 3 on, with the fall of the sides over two
+samples. Impacts have no flat tops, but where they are clipped, several have the same top reading.
 
-Impacts have no flat tops, but where they are clipped, several have the same top reading.
-
-Some clips are not found: a few peaks of one or two samples, flat tops that differ too little from noise, and clips of
-an axis that was later averaged or mixed with others (corrected for misalignment).
+Not found: a few peaks of one or two samples, flat tops that differ too little from noise, and clips of an axis that was
+later averaged or mixed with others (corrected for misalignment).
 """
 
 from collections.abc import Sequence

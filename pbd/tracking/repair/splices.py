@@ -135,10 +135,7 @@ def refuse_doubled(recording: Recording) -> None:
 def _extrapolate(x: Array, edges: Rows, rows: int = 0) -> tuple[Array, Array]:
     """Extrapolate x (n, k) to the middle of each gap from the two rows before it, and from the two after: (m, k) each.
 
-    Args:
-        x: (n, k) readings.
-        edges: (m,) first row after each edge.
-        rows: number of rows left out from there on; 0: the middle is half a row before the edge.
+    A gap leaves out `rows` rows from an edge (m,) on; 0: its middle is half a row before the edge.
     """
     far = 0.5 * (rows + 1)
     before, after = x[edges - 1], x[edges + rows]

@@ -53,9 +53,7 @@ def revised_stops(
     hand moves are trimmed. If less than half a window is left, the hand only reversed its direction there.
 
     Args:
-        problem: the last iteration's.
-        v: (n, 3) m/s, its estimate of velocity.
-        solved: its solution, for the covariance.
+        problem, v, solved: the last iteration's, with its estimate of velocity (n, 3) m/s.
         candidates: spans that look still.
         cut: (c,) which of them were doubted.
         still_sigma: (n,) m/s per axis, sigma of zero velocity.

@@ -137,12 +137,9 @@ def _add_stops(equations: NormalEquations, problem: Problem, x: State, fixed: Fi
 def _add_reach(equations: NormalEquations, problem: Problem, x: State, still: NDArray[np.bool_], anneal: float) -> None:
     """Weak prior: a hand that moves for long stays near where it began (Cauchy).
 
-    Knots within half a stride of one that stands still (`still`, (m,)) are left out: there the stops bound the motion.
-    A prior at every second would pull all stops together; at a foot's stops, it would work against zero velocity.
-
-    Annealing keeps the full weight further away, by the square of `anneal`: a wrong tilt moves the hand by the square
-    of time. After minutes of motion, dead reckoning may end a kilometre away. From there the robust factor alone would
-    hardly bring the hand back.
+    Knots within half a stride of one that stands still (`still`, (m,)) are left out: the prior would pull all stops
+    together, and at a foot's stops work against zero velocity. Annealing keeps the full weight further away, by the
+    square of `anneal`: after minutes of motion, dead reckoning with a wrong tilt may end a kilometre away.
     """
     reach, t, half = problem.noise.reach, problem.t, 0.5 * problem.noise.stride_time
     count = np.concatenate(([0], np.cumsum(still)))

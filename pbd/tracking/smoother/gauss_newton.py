@@ -49,12 +49,10 @@ def descend(
     """Gauss-Newton to convergence; every step linearises all factors anew.
 
     Args:
-        problem: knots and measurements.
-        x: the state to begin with.
-        fixed: what the iterations hold fixed.
+        problem, x, fixed: knots and measurements; the state to begin with; what the iterations hold fixed.
         anneal: decreasing factors on the stops' velocity sigma. With several, `x` is a guess that stands still in
             each stop. It can't show which factors may be skipped, so the first is always used.
-        change: changes the normal equations of each step in place; by default nothing does.
+        change: changes the normal equations of each step in place.
     """
     whiten, still = whitener(problem, fixed), problem.stop_of >= 0
 

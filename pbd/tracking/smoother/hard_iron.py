@@ -18,8 +18,7 @@ def find_hard_iron(problem: Problem, mag: Array, x: State) -> tuple[Array, float
     """Find the field's part that turns with the sensor. None: it is small, or may be the room's.
 
     At each knot the field (of `mag`, (n, 3) in any unit) in nav is R b + m: b turns with the sensor, m is the earth's.
-    Where the sensor does not turn, the two are one, and b stays unknown. Knots whose field is far off, as beside a
-    magnet, lose their weight.
+    Knots whose field is far off, as beside a magnet, lose their weight.
 
     Returns:
         b (3,) in the unit of `mag`, and how far m points east of the field at the first rest, rad. (What the sensor

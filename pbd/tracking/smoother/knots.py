@@ -116,10 +116,7 @@ def build_problem(
         stops: spans in which the hand may stand still.
         still_sigma: (n,) m/s per axis, sigma of zero velocity.
         density: from `row_noise`.
-        extra_rows: further rows at which a knot is wanted.
-        lost_motion: what clipped samples hide.
-        gaps: last row before and first row after each gap in the data.
-        still_gaps: the same of gaps in which the hand stood still.
+        extra_rows, lost_motion, gaps, still_gaps: as `smooth` takes them.
     """
     t, dt = frame.t, frame.dt
     rows, stop_of = _place_knots(t, stops, [*extra_rows, *(row for gap in (*gaps, *still_gaps) for row in gap)])
@@ -158,10 +155,10 @@ def build_problem(
 
 
 def _fix_sway(legs: Legs, C: Array, stop: NDArray[np.intp]) -> None:
-    """Leave noise, sway and tremor in a stop out of what the matrices multiply.
+    """Leave noise, sway and tremor in a stop out of what the matrices multiply (errors in variables).
 
-    A scale factor of zero would remove them, and so fit best (errors in variables). What a stop shows of the matrices
-    is only how they change its mean specific force; it shows the gyro's bias, but none of its scales.
+    A scale factor of zero would remove them, and so fit best. What a stop shows of the matrices is only how they change
+    its mean specific force.
 
     Source: W. A. Fuller, Measurement error models, Wiley 1987, 1.1.
 

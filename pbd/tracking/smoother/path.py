@@ -31,8 +31,8 @@ class SensorPath:
 def path_of(problem: Problem, x: State) -> SensorPath:
     """Integrate each leg from its first knot without gravity, and distribute the residual at its second knot.
 
-    The residuals of attitude and velocity grow linearly in time (as from white noise or bias). The residual of position
-    grows by a cubic that keeps the velocity at both knots.
+    The residuals of attitude and velocity grow linearly in time, that of position by a cubic that keeps the velocity at
+    both knots.
     """
     frame, rows, T = problem.frame, problem.rows, problem.legs.T[:, None]
     g, E = np.array([0.0, 0.0, float(x.shared[SHARED_GRAVITY][0])]), x.E[:-1]

@@ -1,10 +1,9 @@
 """Integrate a recording once, in the gyro frame. After that the smoother needs no samples.
 
-The attitude is R(t) = E(t) C(t). C (gyro frame <- sensor) integrates the gyro's samples alone. E (nav <- gyro frame)
-drifts slowly; the smoother estimates it. Over a leg, from one knot to the next, E turns by exp(J_r x), the velocity
-changes by dU + J_v x and the position by dP + J_p x, in the gyro frame as at the first knot. This is linear in the
-sensor's errors x, because they are small. So each leg is one Gaussian factor. dU and dP include gravity, which
-`factors.leg_jacobian` and `path.path_of` remove.
+The attitude is R(t) = E(t) C(t). C (gyro frame <- sensor) integrates the gyro's samples alone; E (nav <- gyro frame)
+drifts slowly, and the smoother estimates it. Over a leg, from one knot to the next, E turns by exp(J_r x), the velocity
+changes by dU + J_v x and the position by dP + J_p x, in the gyro frame as at the first knot, with the sensor's errors
+x. dU and dP include gravity, which `factors.leg_jacobian` and `path.path_of` remove.
 
 Source: C. Forster, L. Carlone, F. Dellaert, D. Scaramuzza, On-manifold preintegration, T-RO 33 (2017). Here all legs
 share one gyro frame, and the errors are bias, scale, misalignment and lag.

@@ -96,13 +96,11 @@ def smooth(
     """Estimate the motion of a repaired recording; None if there is no stop.
 
     Args:
-        recording: without NaN.
-        rest: its first rest.
-        noise: of the sensor and the hand.
+        recording, rest, noise: without NaN; its first rest; of the sensor and the hand.
         lost_motion: what clipped samples hide.
         gaps: last row before and first row after each gap in the data in which the hand may have moved.
         extra_rows: rows at which a knot is wanted.
-        still_gaps: the same of gaps in which the hand stood still.
+        still_gaps: the same as `gaps`, of those in which the hand stood still.
 
     Raises:
         TrackingError: there is neither a gyro nor the device's attitude.
@@ -214,8 +212,7 @@ def _initial_state(problem: Problem, prior: Prior, azimuth: float = 0.0) -> tupl
 def _dead_reckoning(problem: Problem, E: Array) -> tuple[Array, Array]:
     """Velocity (m, 3) and position (m, 3), integrated with attitudes E; the velocity's drift is linear between stops.
 
-    At rest everywhere, the first Jacobians would lack how a rotation turns the velocity. In a long recording the step
-    then turns its end by radians, and the iteration is lost.
+    From rest everywhere, the first step would turn the end of a long recording by radians.
     """
     legs, still = problem.legs, problem.stop_of >= 0
     T, up = legs.T[:, None], np.array([0.0, 0.0, problem.noise.gravity])
