@@ -13,9 +13,8 @@ DOES = {True: "closes", False: "opens", None: "does not move"}
 def fused_grips(keyframes: Sequence[IndexByTake], takes: Sequence[Take]) -> list[bool | None]:
     """Return what the grip does at each of the task's keyframes: True if it closes, False if it opens, else None.
 
-    The takes vote on whether the grip is closed after a keyframe, not on whether it moves there. So a grip counts once
-    even if takes mark it at different stops. In a tie, the grip moves if a take moves it at this keyframe: people
-    forget a mark more often than they add a wrong one.
+    The takes vote on whether the grip is closed after a keyframe, so a grip counts once even if takes mark it at
+    different stops. In a tie it moves if a take moves it here: people forget a mark more often than they add one.
     """
     states = [_states(take) for take in takes]
     before = [False] * len(takes)

@@ -24,8 +24,8 @@ from pbd.tracking.smoother.preintegration import ACC_MATRIX, GYR_MATRIX
 from pbd.tracking.smoother.state import lower_matrix
 
 LEVER_M, LEVER_FREEDOM, LARGEST_LEVER_M = 0.005, 3.0, 0.05
-"""Prior of the levers: sigma along each axis, m; degrees of freedom of that sigma; its largest value, m, half a
-hand's width. Without a bound, differing takes get levers of metres: a tilt of the hand by 1 degree explains 5 cm."""
+"""Prior of the levers: sigma along each axis, m; degrees of freedom of that sigma; its largest value, m, half a hand's
+width. Without a bound, differing takes get levers of metres."""
 
 DAMPING = 0.01
 """Damping (1/m2, 1/rad2) of all unknowns but the devices' errors, so that no matrix is singular."""

@@ -185,9 +185,8 @@ def _merged(
 def register(ref: Keyframes, other: Keyframes, pairs: Sequence[tuple[int, int]], in_hand: bool = True) -> Registration:
     """Find the map that brings matched keyframes of `other` closest to those of `ref`, in the sum of squares.
 
-    The yaw is searched on a grid and refined by parabolas; shift and rotation in the hand follow from each yaw.
-
-    With `in_hand` the sensor's rotation in the hand is estimated too; else it is the identity.
+    The yaw is searched on a grid and refined by parabolas. Shift and, with `in_hand`, the sensor's rotation in the hand
+    (else the identity) follow from each yaw.
     """
     i, j = np.transpose(pairs)
     p, q, R, S = ref.p[i], other.p[j], ref.R[i], other.R[j]

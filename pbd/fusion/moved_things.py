@@ -1,7 +1,6 @@
 """Find an object that stood elsewhere in some takes: consecutive keyframes that moved with it, relative to the others.
 
-Two hypotheses are compared by their likelihoods: all keyframes share one frame, or a run of consecutive keyframes has a
-frame of its own, which is rotated about the vertical and shifted in each take.
+By their likelihoods: all keyframes share one frame, or a run has a frame of its own in each take (yaw and shift).
 """
 
 from collections import Counter
@@ -22,9 +21,8 @@ LEAST_GAIN = 10.0
 """Log likelihood ratio above which an object has moved. With normal noise, chance exceeds it 1 in 20,000 times."""
 
 SINGLE_KEYFRAME_TAKES, LEVEL_M = 3, 0.01
-"""Conditions for an object with a single keyframe.
-Smallest number of takes, in each of which the keyframe is elsewhere: in fewer, it may be a mistake.
-Largest difference in height, m: a waypoint in the air varies more."""
+"""Conditions for an object with a single keyframe: the fewest takes, in each of which it is elsewhere; the largest
+difference in height, m (a waypoint in the air varies more)."""
 
 LEAST_OTHERS = 3
 """Smallest number of keyframes that don't move with the object, including the dock."""

@@ -87,7 +87,7 @@ def _is_outlier(
 ) -> bool:
     """Say whether some keyframes' positions or attitudes don't fit, with the scatter that the rest shows.
 
-    Each is tested apart: a fault is mostly of one kind, and would be diluted by the other's residuals.
+    Each is tested apart: a fault is mostly of one kind.
     """
     from scipy.special import chdtri
 

@@ -87,8 +87,8 @@ def _stamp_fault(t: Array, interval: float) -> str:
 def _is_uneven(t: Array, even: Array) -> bool:
     """Whether the samples were taken at uneven times, as by a program that polls a sensor between other work.
 
-    The stamps of even samples scatter about even times, each by itself. Those of uneven samples wander away from them.
-    Only the last sample of each batch is looked at, and only deviations that rounding does not explain count.
+    The stamps of even samples scatter about even times, each by itself; those of uneven ones wander. Only the last
+    sample of each batch is looked at, and only deviations that rounding does not explain count.
     """
     steps = np.diff(t)
     delay = (t - even)[np.flatnonzero(steps > WITHIN_BATCH * steps.mean())]

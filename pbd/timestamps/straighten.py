@@ -22,9 +22,8 @@ WITHIN_BATCH = 0.25
 """Samples that follow each other within this share of the interval arrived in one batch."""
 
 LOSS_SCATTERS = 5.0
-"""Smallest rise of the least delay that shows a loss, in usual distances between the least and the second least delay.
-If delays are exponential, this distance is the least delay's standard deviation; without a loss, the least delays of
-two bursts then differ by more in one of 150 cases."""
+"""Smallest rise of the least delay that shows a loss, in usual distances between the least and the second least delay
+(exponential delays: the least one's standard deviation; without a loss 1 of 150 differs by more)."""
 
 LOSSLESS_QUANTILE = 0.1
 """This quantile of the slopes between blocks belongs to blocks without a loss. If every tenth sample is lost, 19 % of
@@ -41,9 +40,8 @@ LOSS_RISE_S = 0.1
 """Time, s, in which the least delay rises to its full value after a loss."""
 
 MAX_STEP_DEVIATION = 0.2
-"""A rise of the least delay counts as losses if its mean distance from a whole number of intervals is below this, in
-intervals. Losses raise the least delay in steps, with a distance of 0. A change of the rate raises it as a ramp, with a
-distance of 1/4."""
+"""Largest mean distance, in intervals, of a rise of the least delay from whole numbers that counts as losses. Losses
+raise it in steps (0), a change of the rate as a ramp (1/4)."""
 
 BLOCK_SAMPLES = 64
 """Samples per block. The line below the arrivals is fitted to the least delayed sample of each block."""
@@ -130,8 +128,7 @@ def _drift(delay: Array, block: int, interval: float) -> Array:
 def _lost_before(delay: Array, interval: float, ahead: int, ends: NDArray[np.intp]) -> Array:
     """Count the samples lost before each sample, (n,), from rises of the delays (n,) s that do not fall again.
 
-    The least delay of the batches within `ahead` samples is compared. It must rise by more than it scatters without a
-    loss.
+    The least delay of the batches within `ahead` samples is compared. It must rise by more than its usual scatter.
     """
     from scipy.ndimage import find_objects, label, minimum_filter1d
 

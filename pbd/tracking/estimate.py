@@ -26,8 +26,8 @@ BOUNCE_S, BOUNCE_M, BOUNCE_RAD = 0.3, 0.02, np.radians(10.0)
 and the sensor moved less than BOUNCE_M (m) and turned less than BOUNCE_RAD (rad) from one to the other."""
 
 GRIP_S = 0.8
-"""Longest gap, s, between two stops that a grip joins. The grip is marked in the gap, or up to this long before it. In
-the gap the fingers close, or tap twice (taps.py)."""
+"""Longest gap, s, between two stops that a grip joins, marked in the gap or up to this long before it: the fingers
+close, or tap twice (taps.py)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,8 +139,8 @@ def _sensor_estimate(solution: Solution, first: int) -> SensorEstimate:
 def _join_stops(solution: Solution, believed: Sequence[int], grips: Sequence[float]) -> list[list[int]]:
     """Join stops that are parts of one: groups of indices into `problem.stops`.
 
-    Two stops are joined if one of the `grips` (s) is between or just before them, if the hand stayed where it was, or
-    if a knock divides them and the hand is where it was. Of a put-down that bounced only the longer stop is kept.
+    They are joined if one of the `grips` (s) is between or just before them, if the hand stayed, or if only a knock
+    divides them. Of a put-down that bounced only the longer stop is kept.
     """
     problem, t, p = solution.problem, solution.problem.frame.t, solution.state.p
     wxyz = solution.path.wxyz[[(start + stop) // 2 for start, stop in problem.stops]]
@@ -188,8 +188,8 @@ def _with_still_stops(
 ) -> SensorPath:
     """The path relative to the first stop, with each stop at one place: `p_stop` (k, 3) m.
 
-    How far the smoothed path creeps within a stop is distributed over the moves beside it. Where the hand was shaken
-    between the joined parts of a stop, the attitude is held.
+    How far a stop creeps is distributed over the moves beside it. Between joined parts that were shaken, attitude is
+    held.
     """
     path, t, noise = solution.path, solution.problem.frame.t, solution.problem.noise
     p, places = path.p - p_stop[0], p_stop - p_stop[0]

@@ -16,9 +16,8 @@ Spans = list[tuple[int, int]]
 """Half-open ranges of rows, in order."""
 
 MEAN_S, PASSES = 0.0125, 4
-"""Length, s, and number of passes of the moving mean before a hand's motion is judged. Vibration of 60 Hz
-or more (a motor, a phone that vibrates, or its alias at a slower rate) does not move the hand: less than 1 % passes.
-At 40 Hz, where a sample spans 2 MEAN_S, the same stops are found."""
+"""Length, s, and number of passes of the moving mean before a hand's motion is judged. Of vibration of 60 Hz or more (a
+motor, a phone that vibrates, or its alias at a slower rate) less than 1 % passes."""
 
 
 def rows_of_mean(rate_hz: float) -> int:

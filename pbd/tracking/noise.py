@@ -1,8 +1,8 @@
 """All physical parameters of the estimator: the sensor's errors and the motion of the hand.
 
-White noise is measured in the recording's first rest, at frequencies between a hand's sway and its tremor. The sensor's
-other errors are those of its class, from data sheets. The hand's parameters are from physiology. `gyr_turn`,
-`acc_motion`, `acc_bend` and the random walks were tuned on the benchmark's recordings.
+White noise is measured in the first rest. The sensor's other errors are those of its class, from data sheets. The
+hand's parameters are from physiology. `gyr_turn`, `acc_motion`, `acc_bend` and the random walks were tuned on the
+benchmark's recordings.
 """
 
 from dataclasses import dataclass, replace

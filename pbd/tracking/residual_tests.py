@@ -22,8 +22,8 @@ FALSE_ALARM_CHANCE = 0.05
 """Chance that a test suspects a sound recording, with noise as modelled. Real noise is smaller, so fewer are."""
 
 LINEARISATION_SHARE = 0.02
-"""Increase of a leg's residual variance by linearisation, as a share of the leg's noise. Without this increase, a leg
-would be suspected if the estimate can fit it almost exactly (a gyro that reads zero at rest)."""
+"""Increase of a leg's residual variance by linearisation, as a share of its noise. Without it, a leg that can be fitted
+almost exactly (a gyro that reads zero at rest) would be suspected."""
 
 LEG_RMS = 0.8
 """Largest rms of a leg's nine residuals, in sigmas. In sound recordings it is at most 0.73."""

@@ -39,11 +39,9 @@ def without_slow_ends(t: Array, spans: Spans, speed: Array, sharp: NDArray[np.bo
 
 
 def _unnoticed_s(t: Array, speed: Array) -> float:
-    """How long a hand had moved before it was noticed, s.
+    """How long a hand had moved before it was noticed, s, by t and speed of its move from there.
 
-    Args:
-        t, speed: of the move, from where it is noticed. Its middle is the first peak that is the highest for as long
-            again as it took.
+    The middle is the first peak that is the highest for as long again as it took.
     """
     since = np.abs(t - t[0])
     peaks = np.flatnonzero((speed == np.maximum.accumulate(speed)) & (speed > speed[0]) & (since >= EARLIEST_MIDDLE_S))

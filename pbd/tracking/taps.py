@@ -1,7 +1,7 @@
 """Detect two quick taps on the sensor's back in the specific force, sample by sample.
 
-A tap is a short shock along the sensor's z axis. The hand is still before the first tap, between the two and after the
-second. The durations are close to those of double-tap recognition in ST's accelerometers (application note AN5192).
+A tap is a short shock along z; the hand is still before the first, between the two and after the second. Durations are
+close to those of double-tap recognition in ST's accelerometers (application note AN5192).
 """
 
 from collections import deque

@@ -1,8 +1,4 @@
-"""Find zero-velocity candidates: where the hand may stand still. The smoother then accepts, trims or rejects each.
-
-A sensor at rest shows constant specific force and no rate. So does a sensor that coasts at constant velocity. The
-smoother estimates the velocity, so it tells the two apart.
-"""
+"""Find zero-velocity candidates: where the hand may stand still. The smoother then accepts, trims or rejects each."""
 
 from __future__ import annotations
 
@@ -33,8 +29,8 @@ ENERGY_WINDOW_S = 0.1
 
 LULL_SHARE, LULL_S = 0.01, 1.0
 """Energy of a lull, such as a foot's stance, as a share of the largest lasting energy within LULL_S (s) before or
-after: acceleration and rate are at most a tenth of the move's. The calmest window of a lull counts as still even if it
-isn't quiet. (Below 10^-2.6, stances are missed; above 10^-1.4, a fast hand that turns back seems to rest.)"""
+after: acceleration and rate are at most a tenth of the move's. (Below 10^-2.6, stances are missed; above 10^-1.4, a
+fast hand that turns back seems to rest.)"""
 
 SWAY_GYR = 0.04
 """Largest rms rate of a hand that sways in the air, rad/s: 0.3 degrees rms about each axis, at 0.7 Hz. (With 0.05, a

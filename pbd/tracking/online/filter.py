@@ -1,7 +1,7 @@
 """The smoother's model as an error-state Kalman filter: the present state, from all samples so far.
 
-State, errors and noise are those of the smoother (`knots`, `factors`). Instead of all knots, the state has a copy of
-attitude and position at the last knot (stochastic cloning), with which the next knot is compared.
+Instead of all knots, the state has a copy of attitude and position at the last knot (stochastic cloning), with which
+the next knot is compared.
 
 Source: J. Sola, Quaternion kinematics for the error-state Kalman filter, arXiv 1711.02508 (2017), with errors on the
 left, in nav.
@@ -114,8 +114,8 @@ class ErrorStateFilter:
     def use_noise(self, noise: Noise) -> None:
         """Take this noise, and widen the covariance of the biases if their random walks are now larger.
 
-        The walks grow if the readings at rest turn out to be rounded: the biases found there were then too certain. The
-        accelerometer's bias also shifts tilt and gravity, because both were found with it.
+        They are if the readings at rest turn out to be rounded. Tilt and gravity were found with the accelerometer's
+        bias, so they widen too.
         """
         more = np.maximum(_walks(noise) - self._walks, 0.0)
         self.noise, self._walks = noise, _walks(noise)

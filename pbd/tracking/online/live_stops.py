@@ -191,7 +191,7 @@ class LiveHand:
         """Continue a stop, or find that it is over.
 
         A slow start is seen late, so each knot becomes final only at the next one. A hand that arrives slowly seems to
-        stand still too early, so its second knot replaces the first. The attitude after a gap may show that it moved.
+        stand still too early, so its second knot replaces the first. Attitude after a gap may show that it moved.
         """
         if sample.unseen:
             return []

@@ -21,8 +21,8 @@ INCOMPLETE_S = 2.0
 """Rows that lack numbers for longer than this, s, are reported: the hand is not tracked meanwhile. A choice."""
 
 JUDGED_ROWS = 128
-"""After this many rows it is judged anew whether their times jitter, because a link may begin to jitter later. It is
-above FEW_DELAYS of `even_times`, so that samples taken at uneven times are told from jitter."""
+"""After this many rows it is judged anew whether their times jitter. It is above FEW_DELAYS of `even_times`, so that
+samples taken at uneven times are told from jitter."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,8 +1,8 @@
 """Find swapped or flipped axes, or a wrong unit of the gyro, by whether the sensors turn alike.
 
 A direction that is fixed in the world (up, the magnetic field, the device's own up and north) must turn in sensor axes
-as the gyro says. If one doesn't, each channel in turn is read with another order and other signs of its axes, and the
-gyro in another unit. The mapping that removes every contradiction shows the mistake.
+as the gyro says. If one doesn't, each channel in turn is read with other axes and signs, and the gyro in another unit.
+The mapping that removes every contradiction shows the mistake.
 
 A gyro turns a direction and its opposite alike, so gravity and gyro can only tell 24 of the 48 mappings of the
 accelerometer apart. If the hand turned about one axis only, several mappings fit; all of the simplest are named.

@@ -1,9 +1,8 @@
 """Compare the accelerometer's vertical with the device's attitude, and with the gyro's turn from rest to rest.
 
 This finds an accelerometer with flipped signs (some programs give gravity, not specific force), a gyro in a wrong unit,
-and a gyro whose axes are not the accelerometer's. A gyro turns the vertical and its opposite alike, so it can't show
-that all three signs are flipped. A turn about the vertical shows nothing, and turns about one axis show little of the
-others. Data without a contradiction are accepted.
+and a gyro whose axes are not the accelerometer's. Turns about the vertical show nothing, and turns about one axis
+little of the others. Data without a contradiction are accepted.
 """
 
 from collections.abc import Iterator

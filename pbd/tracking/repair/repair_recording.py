@@ -1,7 +1,4 @@
-"""Check a recording before anything is computed from it. What can be repaired is repaired; anything else is refused.
-
-Every refusal says where (row from 0, time) and what is likely wrong.
-"""
+"""Check a recording before anything is computed from it. What can't be repaired is refused, with its row and time."""
 
 import dataclasses
 from typing import Any
@@ -22,9 +19,8 @@ from pbd.tracking.repair.units import LARGEST_READING, refuse_other_units
 def repair_recording(recording: Recording) -> tuple[Recording, tuple[Gap, ...]]:
     """Check a recording; interpolate missing and wild samples, exchange swapped blocks, even out coarse time stamps.
 
-    Returns:
-        The recording without NaN and with the same rows, and the gaps that are too long to be bridged. Whether
-        these matter depends on whether the hand moved (`refuse_gaps`).
+    Returns the recording without NaN and with the same rows, and the gaps that are too long to be bridged. Whether
+    these matter depends on whether the hand moved (`refuse_gaps`).
 
     Raises:
         RecordingError: it is too short, time runs backwards or jumps, a channel is empty, stuck or in another unit, a

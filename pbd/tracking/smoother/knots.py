@@ -213,10 +213,7 @@ def _evenly_spaced(t: Array, edges: Rows, spacing_s: Array) -> Rows:
 
 
 def _knot_velocity(frame: GyroFrame, rows: Rows, stop_of: NDArray[np.intp]) -> Array:
-    """Velocity (m, 3) m/s at the knots, in the gyro frame; in a stop, its mean over half of ENERGY_WINDOW_S.
-
-    Tremor has a velocity at every instant, but does not move the hand.
-    """
+    """Velocity (m, 3) m/s at the knots, in the gyro frame; in a stop, its mean over ENERGY_WINDOW_S / 2 (no tremor)."""
     U, reach = frame.U[rows], round(0.25 * ENERGY_WINDOW_S / frame.dt)
     still = (stop_of >= 0) & (rows >= reach) & (rows < len(frame.t) - reach)
     about = rows[still, None] + np.arange(-reach, reach + 1)

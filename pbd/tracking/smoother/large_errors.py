@@ -1,6 +1,6 @@
 """Errors of the sensor that are too large for a linear model: the gyro's lag and common scale, and hard iron.
 
-A first solution with wide priors finds them. They are removed from the samples, which are then smoothed anew.
+They are found by a solution with wide priors, and removed from the samples, which are then smoothed anew.
 """
 
 from __future__ import annotations
@@ -24,8 +24,7 @@ REMOVED_LAG = 0.005
 """s: smallest lag of the gyro that is removed from the samples."""
 
 REMOVED_SCALE, SCALE_OUTLIER_SIGMAS = 0.05, 5.0
-"""Scale error common to the gyro's axes: the smallest that is removed from the samples (5 %), and its least ratio to
-its sigma."""
+"""Scale error common to the gyro's axes: the smallest that is removed, and its least ratio to its sigma."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,8 +32,7 @@ class LargeErrors:
     """What is removed from the samples.
 
     Attributes:
-        lag: s, of the gyro's time stamps.
-        scale: the gyro's readings are multiplied by 1 + scale.
+        lag, scale: s, of the gyro's time stamps; the gyro's readings are multiplied by 1 + scale.
         hard_iron: (3,) in the unit of the magnetic field.
         azimuth: rad, how far the field without hard iron points east of the field at the first rest.
     """
@@ -55,12 +53,9 @@ class LargeErrors:
 
 
 def find_large_errors(problem: Problem, found: Descent, mag: Array | None, removed: LargeErrors) -> LargeErrors | None:
-    """Find large errors that are left; return all that are to be removed.
+    """Find large errors that are left in `found`, the solution of `problem` with wide priors; return all to be removed.
 
-    Args:
-        found: the solution of `problem` with wide priors.
-        mag: (n, 3), the magnetic field as measured, or None.
-        removed: what was removed before.
+    `mag` (n, 3) is the magnetic field as measured, or None; `removed` is what was removed before.
     """
     noise, lag = problem.noise, removed.lag
     more_lag, more_scale = _large_lag_and_scale(found.x, found.solved)

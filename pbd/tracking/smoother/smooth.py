@@ -1,8 +1,8 @@
 """Smooth a whole recording: the most probable motion and its covariance, by Gauss-Newton over the knots.
 
 A false stop (a hand that coasts) would bend the whole path. So zero velocity is a robust factor whose sigma starts
-large and shrinks (graduated non-convexity). A first solution shows the sensor's large errors, and they are removed from
-the samples. Then the estimated velocity revises the stops.
+large and shrinks (graduated non-convexity). Large errors of the sensor are removed from the samples, then stops are
+revised.
 """
 
 from collections.abc import Sequence
