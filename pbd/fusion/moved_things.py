@@ -1,6 +1,7 @@
 """Find an object that stood elsewhere in some takes: consecutive keyframes that moved with it, relative to the others.
 
-By their likelihoods: all keyframes share one frame, or a run has a frame of its own in each take (yaw and shift).
+Two hypotheses are compared by their likelihoods: all keyframes share one frame, or a run of them has a frame of its
+own, which is rotated about the vertical and shifted in each take.
 """
 
 from collections import Counter
@@ -12,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pbd.fusion.matching import MATCH_M, TURN_LEVER_M, Keyframes, Registration, may_match, register
+from pbd.fusion.outliers import LEAST_TAKES
 from pbd.pose import Array, lengths, matrix_log
 from pbd.tracking.stop_constraints import PLACE_SIGMA_M
 
@@ -20,9 +22,8 @@ Index = NDArray[np.intp]
 LEAST_GAIN = 10.0
 """Log likelihood ratio above which an object has moved. With normal noise, chance exceeds it 1 in 20,000 times."""
 
-SINGLE_KEYFRAME_TAKES, LEVEL_M = 3, 0.01
-"""Conditions for an object with a single keyframe: the fewest takes, in each of which it is elsewhere; the largest
-difference in height, m (a waypoint in the air varies more)."""
+LEVEL_M = 0.01
+"""Largest difference in height, m, of an object with a single keyframe: a waypoint in the air varies more."""
 
 LEAST_OTHERS = 3
 """Smallest number of keyframes that don't move with the object, including the dock."""
@@ -96,7 +97,7 @@ def find_moved_keyframes(takes: Sequence[Keyframes]) -> MovedKeyframes | None:
         else:
             alike = (lengths(every[:, None] - every) <= MATCH_M).sum(axis=1)  # takes with it at the same place
             level = np.abs(shifts[..., 2]).max() < LEVEL_M
-            enough = len(back) + 1 >= SINGLE_KEYFRAME_TAKES and 2 * alike.max() <= len(every)
+            enough = len(back) + 1 >= LEAST_TAKES and 2 * alike.max() <= len(every)
             elsewhere = bool(far.all() and level and enough)
         if elsewhere:
             best = MovedKeyframes(first, end - 1, gain, reference, registered, back)

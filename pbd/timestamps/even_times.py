@@ -7,17 +7,16 @@ samples. So they are replaced, unless the samples themselves were taken at uneve
 import numpy as np
 
 from pbd.pose import Array
-from pbd.timestamps.straighten import LONGEST_BURST_S, WITHIN_BATCH, straighten
+from pbd.timestamps.straighten import LONGEST_BURST_S, WANDER_RATIO, WITHIN_BATCH, straighten
 
 OFF_GRID_SHARE = 0.02
 """A step is off the grid if it differs from a whole number of intervals by more than this share of the interval. Stamps
 are coarse or jitter if more than this share of the steps are off the grid. They come in batches if more than this share
 of the steps are below WITHIN_BATCH intervals."""
 
-WANDER_RATIO, WANDER_RATIO_OF_FEW, FEW_DELAYS = 0.5, 1.0, 80
-"""Largest mean square successive difference of the stamps' delays, as a share of their variance, if the samples were
-taken at uneven times; the same of fewer than FEW_DELAYS. It is 2 if the delays are random (J. von Neumann, 1941). If
-they wander it is near 0; by simulation, of 40 delays it is above 0.5 in a third of cases, and above 1 in one of 20."""
+WANDER_RATIO_OF_FEW, FEW_DELAYS = 1.0, 80
+"""WANDER_RATIO of fewer than FEW_DELAYS: by simulation, of 40 delays that wander it is above 0.5 in a third of cases,
+and above 1 in one of 20."""
 
 FEWEST_STEPS = 3
 """Fewest steps of coarse times, or between batches, that tell the rate. The first and the last may be cut off."""
@@ -87,8 +86,8 @@ def _stamp_fault(t: Array, interval: float) -> str:
 def _is_uneven(t: Array, even: Array) -> bool:
     """Whether the samples were taken at uneven times, as by a program that polls a sensor between other work.
 
-    The stamps of even samples scatter about even times, each by itself; those of uneven ones wander. Only the last
-    sample of each batch is looked at, and only deviations that rounding does not explain count.
+    The stamps of even samples scatter about even times, each by itself. Those of uneven samples wander away from them.
+    Only the last sample of each batch is looked at, and only deviations that rounding does not explain count.
     """
     steps = np.diff(t)
     delay = (t - even)[np.flatnonzero(steps > WITHIN_BATCH * steps.mean())]

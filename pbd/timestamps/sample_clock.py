@@ -31,9 +31,6 @@ USUAL_STEPS = 9
 LONGEST_GAP_S = 10.0
 """Longest gap, s, in a device's time. A longer jump, or one backwards, means that the clock was reset."""
 
-LONGEST_LOSSLESS_STEP = 1.6
-"""Largest step without a lost sample, as a multiple of the median step."""
-
 DOUBLED_EVERY_S, DOUBLED_SAMPLES = 0.25, 1000
 """Least time, s, between two looks whether packets come twice, and the number of latest samples that tell."""
 
@@ -191,5 +188,5 @@ def count_missing(t: Array) -> int:
     steps = np.diff(t)
     if not len(steps):
         return 0
-    interval = steps[steps <= LONGEST_LOSSLESS_STEP * np.median(steps)].mean()
+    interval = steps[steps <= (1.0 + LOST_SHARE) * np.median(steps)].mean()
     return max(int((np.floor(steps / interval + 1.0 - LOST_SHARE) - 1.0).sum()), 0)

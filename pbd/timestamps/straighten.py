@@ -22,8 +22,9 @@ WITHIN_BATCH = 0.25
 """Samples that follow each other within this share of the interval arrived in one batch."""
 
 LOSS_SCATTERS = 5.0
-"""Smallest rise of the least delay that shows a loss, in usual distances between the least and the second least delay
-(exponential delays: the least one's standard deviation; without a loss 1 of 150 differs by more)."""
+"""Smallest rise of the least delay that shows a loss, in usual distances between the least and the second least delay.
+If delays are exponential, this distance is the least delay's standard deviation; without a loss, the least delays of
+two bursts then differ by more in one of 150 cases."""
 
 LOSSLESS_QUANTILE = 0.1
 """This quantile of the slopes between blocks belongs to blocks without a loss. If every tenth sample is lost, 19 % of
@@ -59,9 +60,9 @@ the usual delay. A beat with a USB adapter's frames of 16 ms is smaller."""
 FEWEST_DRIFT_BLOCKS = 6
 """Fewest blocks that show a change of the rate."""
 
-DRIFT_RATIO = 0.5
-"""Largest mean square successive difference of the blocks' least delays, as a share of their variance, where the rate
-changes: it is 2 where they are random (J. von Neumann, 1941)."""
+WANDER_RATIO = 0.5
+"""Largest mean square successive difference of delays that wander, as a share of their variance: where the rate
+changes, or samples were taken at uneven times. It is 2 where they are random (J. von Neumann, 1941)."""
 
 MAX_DRIFT = 0.2
 """Largest change of the rate, as a share: an untrimmed oscillator is off by a tenth at most. Where a reading stays for
@@ -118,7 +119,7 @@ def _drift(delay: Array, block: int, interval: float) -> Array:
     steps, bend = np.diff(least), least - np.polyval(np.polyfit(rows, least, 1), rows)
     far = np.ptp(bend) >= max(LEAST_DRIFT_S, DRIFT_JITTERS * usual)
     slopes = steps / np.diff(rows)
-    if not far or (steps**2).mean() > DRIFT_RATIO * least.var() or np.abs(slopes).max() > MAX_DRIFT * interval:
+    if not far or (steps**2).mean() > WANDER_RATIO * least.var() or np.abs(slopes).max() > MAX_DRIFT * interval:
         return np.zeros(len(delay))
     last = len(delay) - 1
     ends = least[0] - slopes[0] * rows[0], least[-1] + slopes[-1] * (last - rows[-1])

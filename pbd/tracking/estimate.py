@@ -139,8 +139,8 @@ def _sensor_estimate(solution: Solution, first: int) -> SensorEstimate:
 def _join_stops(solution: Solution, believed: Sequence[int], grips: Sequence[float]) -> list[list[int]]:
     """Join stops that are parts of one: groups of indices into `problem.stops`.
 
-    They are joined if one of the `grips` (s) is between or just before them, if the hand stayed, or if only a knock
-    divides them. Of a put-down that bounced only the longer stop is kept.
+    Two stops are joined if one of the `grips` (s) is between or just before them, if the hand stayed where it was, or
+    if a knock divides them and the hand is where it was. Of a put-down that bounced only the longer stop is kept.
     """
     problem, t, p = solution.problem, solution.problem.frame.t, solution.state.p
     wxyz = solution.path.wxyz[[(start + stop) // 2 for start, stop in problem.stops]]

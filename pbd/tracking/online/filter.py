@@ -114,8 +114,8 @@ class ErrorStateFilter:
     def use_noise(self, noise: Noise) -> None:
         """Take this noise, and widen the covariance of the biases if their random walks are now larger.
 
-        They are if the readings at rest turn out to be rounded. Tilt and gravity were found with the accelerometer's
-        bias, so they widen too.
+        The walks grow if the readings at rest turn out to be rounded: the biases found there were then too certain. The
+        accelerometer's bias also shifts tilt and gravity, because both were found with it.
         """
         more = np.maximum(_walks(noise) - self._walks, 0.0)
         self.noise, self._walks = noise, _walks(noise)

@@ -27,8 +27,8 @@ CONFIRM_S, CONFIRM_DOUBTED_S, CONFIRM_NO_GYRO_S = 0.2, 2.0, 0.6
 """Time at rest, s, before a stop is announced: a clear stop; a doubtful one; a doubtful one without a gyro. The time of
 a doubtful stop is longer than half of a hand's slowest move."""
 
-VELOCITY_GATE, VELOCITY_MEAN = 14.2, 3.0
-"""The 99.7 % quantile and the mean of a velocity's squared Mahalanobis distance (chi-square, 3 degrees of freedom)."""
+VELOCITY_GATE = 14.2
+"""The 99.7 % quantile of a velocity's squared Mahalanobis distance (chi-square, 3 degrees of freedom; mean 3)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -191,7 +191,7 @@ class LiveHand:
         """Continue a stop, or find that it is over.
 
         A slow start is seen late, so each knot becomes final only at the next one. A hand that arrives slowly seems to
-        stand still too early, so its second knot replaces the first. Attitude after a gap may show that it moved.
+        stand still too early, so its second knot replaces the first. The attitude after a gap may show that it moved.
         """
         if sample.unseen:
             return []
@@ -209,7 +209,7 @@ class LiveHand:
                 self._add_knot(ahead, sample.t, same=self._settled)
                 self._settled, stop = True, LiveStop(stop.first, sample, *ahead.pose())
             self._stop = replace(stop, last=sample)
-            if self._settled and off < VELOCITY_MEAN and sample.t > self._t_knot:
+            if self._settled and off < 3.0 and sample.t > self._t_knot:
                 self._filter, self._trial_filter = ahead, None
             self._strapdown.clipped = False
         elif sample.t - stop.last.t > SHORTEST_MOVE_S + ENERGY_WINDOW_S:
@@ -251,7 +251,7 @@ class LiveHand:
 
     def _begin_stop(self, trial: StopTrial, sample: RepairedSample) -> StopBegan:
         """Accept the hypothesis: a stop."""
-        self._trial, self.still, self._settled = None, True, trial.doubted or trial.worst < VELOCITY_MEAN
+        self._trial, self.still, self._settled = None, True, trial.doubted or trial.worst < 3.0
         if self._settled and self._trial_filter is not None:
             self._filter = self._trial_filter
         self._trial_filter = self._filter.fork()

@@ -145,9 +145,8 @@ def _held_too_long(recording: Recording, same: NDArray[np.bool_]) -> NDArray[np.
     for start, last in runs(same):
         if t[last] - t[start] > BRIDGED_S and last - start >= REPEATED_ROWS:
             rows[start + 1 : last + 1] = True  # the first equal row was measured
-    if rows.any() and (same & ~rows[1:]).mean() < COARSE_REPEATS and has_noise(recording.acc[~rows]):
-        return rows
-    return np.zeros(len(t), dtype=bool)
+    is_fine = rows.any() and (same & ~rows[1:]).mean() < COARSE_REPEATS and has_noise(recording.acc[~rows])
+    return rows & is_fine
 
 
 def refuse_freezes(recording: Recording, v_nav: Array) -> None:

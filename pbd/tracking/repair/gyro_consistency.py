@@ -50,10 +50,6 @@ STEADY_S, STEADY_ACC = 0.3, 0.05
 Largest standard deviation of specific force in it, and largest difference of the mean's norm from g, both as shares of
 g. (A WT901's bias of 20 mg changes the norm by 4 % between two sides of the sensor.)"""
 
-HIDDEN_TILT_DEG = float(np.degrees(np.arccos(1.0 / (1.0 + STEADY_ACC))))
-"""Largest tilt, degrees, of the seeming gravity by a horizontal acceleration, unless the hand rests (QUIET_ACC). At the
-peak of a smooth move this acceleration is steady, and it hardly changes the norm."""
-
 PAIR_AFTER_S, PAIR_LONGEST_S = (0.5, 1.0, 2.0, 4.0), 5.0
 """Times, s, after which a steady moment is paired with the next one: a slow turn shows only after seconds.
 Longest time between the moments of a pair, s. At most one moment per STEADY_S / 2 begins pairs."""
@@ -98,7 +94,9 @@ def find_steady(acc: Array, gyr: Array, rate_hz: float) -> Steady:
     variance, mean = window_moments(acc, 2 * half)
     norm = np.linalg.norm(mean, axis=1)
     steady = np.flatnonzero((np.abs(norm - g) < STEADY_ACC * g) & (variance < (STEADY_ACC * g) ** 2))
-    tilt_deg = np.where(variance[steady] > (QUIET_ACC / GRAVITY * g) ** 2, HIDDEN_TILT_DEG, 0.0)
+    # At the peak of a smooth move a horizontal acceleration is steady, and hardly changes the norm.
+    hidden_deg = np.degrees(np.arccos(1.0 / (1.0 + STEADY_ACC)))
+    tilt_deg = np.where(variance[steady] > (QUIET_ACC / GRAVITY * g) ** 2, hidden_deg, 0.0)
     gyro_bias = gyr[quietest : quietest + calm].mean(axis=0)
     return Steady(steady + half, mean[steady] / norm[steady, None], tilt_deg, gyro_bias)
 

@@ -33,9 +33,6 @@ LEAST_RANGE = {"acc": 1.15 * GRAVITY, "gyr": 0.5}
 TOP_TOLERANCE = 1e-6
 """A reading belongs to the flat top if it differs by less than this share from the largest reading."""
 
-SIDE_SAMPLES = 2
-"""Number of samples on either side of a flat top over which its fall is measured."""
-
 CHANCE_STEPS = 2.5
 """This, divided by the fall of a rounded peak's sides in steps, is the largest chance that the top reading repeats."""
 
@@ -123,7 +120,7 @@ def _clipped_runs(x: Array, sensor: str, new: NDArray[np.bool_]) -> list[tuple[i
     between = np.diff(np.unique(x))
     step = float(between[between > top * TOP_TOLERANCE].min(initial=np.inf))
     for start, stop, samples in flat:
-        sides = x[max(start - SIDE_SAMPLES, 0) : start], x[stop : stop + SIDE_SAMPLES]
+        sides = x[max(start - 2, 0) : start], x[stop : stop + 2]
         fall = min((top - float(side.min()) for side in sides if len(side)), default=0.0)
         if (CHANCE_STEPS * step / max(fall, step)) ** (samples - 1) < CLIPPED_CHANCE:
             return tops
