@@ -16,14 +16,10 @@ LONG_SPANS = 4.0
 
 
 def came_twice(arrival: Array, repeats: NDArray[np.bool_]) -> bool:
-    """Whether the samples that repeat the one before are packets that came twice.
+    """Whether the samples (n,) that repeat all readings of the one before are packets that came twice; arrival (n,) s.
 
     Such a packet takes no time: without it, the time between two batches fits the number of samples better. A reading
     that is repeated, because the sensor is coarse or is read too often, takes an interval as any other.
-
-    Args:
-        arrival: (n,) s.
-        repeats: (n,) whether all readings of a sample are those of the sample before.
     """
     new = np.flatnonzero(~repeats)
     if len(new) < 2:

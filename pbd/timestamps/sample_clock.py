@@ -82,12 +82,9 @@ class SampleClock(Generic[T]):
         return self._last is not None
 
     def take(self, sample: T, t_device: float | None, arrival: float) -> list[tuple[float, T]]:
-        """Add the next sample; return (time, sample) of each sample whose time is now known.
+        """Add the next sample (anything); return (time, sample) of each sample whose time is now known.
 
-        Args:
-            sample: anything; it is returned with its time.
-            t_device: s on the device's clock; None if the sample has no time.
-            arrival: s on the host's clock.
+        `t_device` is s on the device's clock, None if the sample has no time; `arrival` is s on the host's.
         """
         if self._last is None and (self._stamper or t_device is None):
             self._stamper = self._stamper or Stamper()

@@ -106,10 +106,7 @@ def straighten(arrival: Array, burst_s: float = LONGEST_BURST_S, complete: bool 
 
 
 def _drift(delay: Array, block: int, interval: float) -> Array:
-    """Return how the least delayed of the delays (n,) s rise and fall, (n,) s; zeros if they don't do so slowly.
-
-    `interval`: s, between two samples.
-    """
+    """Return how the least delayed of the delays (n,) s, `interval` s apart, rise and fall slowly, (n,) s; or 0."""
     starts = range(0, len(delay), 2 * block)
     if len(starts) < FEWEST_DRIFT_BLOCKS:
         return np.zeros(len(delay))

@@ -20,9 +20,8 @@ def without_slow_ends(t: Array, spans: Spans, speed: Array, sharp: NDArray[np.bo
     """Cut from each span the slow ends of the moves beside it. At least the middle of each span is left.
 
     Args:
-        t: (n,) s.
+        t, speed: (n,) s; (n,) speed or rate, in any unit.
         spans: in which the hand seems to rest.
-        speed: (n,) speed or rate, in any unit.
         sharp: (n,) rows at which a move is noticed at once; by default none.
     """
     found, sharp = list(spans), np.zeros(len(t), dtype=np.bool_) if sharp is None else sharp

@@ -68,11 +68,7 @@ def energies(u: Array, gyr: Array, n: int) -> Energies:
     """Energies in each window of n rows, which last ENERGY_WINDOW_S.
 
     Means over such windows, in two passes, hardly show tremor: a quarter of it at 6 Hz, 0.05 at 8 Hz, none at 10 Hz.
-
-    Args:
-        u: (l, 3) m/s2, specific force in a frame that does not turn with the sensor.
-        gyr: (l, 3) rad/s, without bias.
-        n: rows in a window.
+    u (l, 3) m/s2 is specific force in a frame that does not turn with the sensor; gyr (l, 3) rad/s is without bias.
     """
     found = []
     for k, passes in ((rows_of_mean(n / ENERGY_WINDOW_S), PASSES), (n, 2)):
@@ -84,10 +80,8 @@ def find_candidates(t: Array, dt: float, energy: Energies, rest: Rest, gaps: Seq
     """Find the spans in which specific force is constant and nothing turns.
 
     Args:
-        t: (n,) s.
-        dt: s, the sampling interval.
-        energy: of each window.
-        rest: its energies set the thresholds.
+        t, dt: (n,) s; s, the sampling interval.
+        energy, rest: of each window; its energies set the thresholds.
         gaps: last row before and first row after each gap. A gap between two rests is part of them.
     """
     n = len(t) - len(energy.acc) + 1

@@ -164,11 +164,9 @@ class ErrorStateFilter:
         self._last_knot: tuple[Array, Array] = (self.E @ self.C, self.p)
 
     def velocity_test(self, sigma: float, shaking: Array) -> tuple[float, float]:
-        """Squared Mahalanobis distance of the velocity from zero; and the speed, m/s.
+        """Squared Mahalanobis distance of the velocity from zero within `sigma`, m/s per axis; and the speed, m/s.
 
-        Args:
-            sigma: m/s per axis, sigma of zero velocity.
-            shaking: (3,) m/s in the gyro frame, velocity of the tremor, which does not move the hand.
+        `shaking` (3,) m/s, in the gyro frame, is the velocity of the tremor, which does not move the hand.
         """
         S, v = self.P[VEL, VEL] + sigma**2 * np.eye(3), self.v - self.E @ shaking
         return float(v @ np.linalg.inv(S) @ v), float(np.sqrt(v @ v))

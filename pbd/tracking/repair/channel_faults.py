@@ -95,8 +95,7 @@ def refuse_dead(recording: Recording) -> None:
 def stuck_axes(recording: Recording) -> Iterator[tuple[str, int, int, int]]:
     """Find axes that don't change for STUCK_AXIS_S or more, while another axis of the same sensor does.
 
-    Yields:
-        The sensor (key of SENSOR_NAMES), the axis, and the half-open range of rows.
+    Yields the sensor (key of SENSOR_NAMES), the axis, and the half-open range of rows.
     """
     # Equal readings before and after a gap say nothing of the time between.
     seen = np.diff(recording.t) <= 1.0 / SLOWEST_HZ

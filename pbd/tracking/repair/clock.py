@@ -151,13 +151,9 @@ def _without_rereads(recording: Recording) -> Recording:
 
 
 def _new_samples(t: Array, changed: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Rows (n,) that are not the sample before, read once more.
+    """Rows (n,) that are not the sample before, read once more; `changed` (n,) says which differ from the row before.
 
     Noise changes each sample. The readings of a coarse sensor may stay, but then for whole intervals.
-
-    Args:
-        t: (n,) s.
-        changed: (n,) rows that differ from the row before.
     """
     begin = np.flatnonzero(changed)
     if len(begin) <= LATE_SAMPLES:

@@ -65,15 +65,11 @@ def path_of(problem: Problem, x: State) -> SensorPath:
 
 
 def between_stops(t: Array, stops: Sequence[Stop], first: Array, last: Array) -> tuple[Array, Array]:
-    """Shift (n, 3) of the path outside its stops, and its change of velocity (n, 3), when the stops are shifted.
+    """Shift (n, 3) of the path outside its stops, and its change of velocity (n, 3), when the k stops are shifted.
 
     In a move the shift grows as 3 s^2 - 2 s^3 with the share s of its duration. This is the conditional mean if the
-    acceleration has white noise and the velocity is known at both ends.
-
-    Args:
-        t: (n,) s.
-        stops: k stops, in order.
-        first, last: (k, 3) m, shift of each stop at its first and at its last row.
+    acceleration has white noise and the velocity is known at both ends. `first` and `last` (k, 3) m are the shifts of
+    each stop at its first and at its last row; t (n,) s.
     """
     shift, faster = np.zeros((2, 3, len(t))).transpose(0, 2, 1)
     shift[: stops[0].start], shift[stops[-1].stop :] = first[0], last[-1]

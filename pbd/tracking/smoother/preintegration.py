@@ -156,10 +156,9 @@ def preintegrate(
     lost_motion: Sequence[LostMotion] = (),
     U: Array | None = None,
 ) -> Legs:
-    """Integrate from knot to knot.
+    """Integrate the recording, n rows, from knot to knot.
 
     Args:
-        frame: the recording, n rows.
         rows: (m + 1,) rows of the knots, increasing.
         density: (3, n) rad2/s and (3, n) m2/s3, the parts of the noise at each row.
         lost_motion: what clipped samples hide.
@@ -221,10 +220,7 @@ def preintegrate(
 def of_blocks_by_errors(C: Array, rate: Array, force: Array, h: Array) -> tuple[Array, Array]:
     """Jacobians of k blocks: rotation by the gyro's errors (k, 3, 12), velocity by the accelerometer's (k, 3, 9).
 
-    Args:
-        C: (k, 3, 3), gyro frame <- sensor.
-        rate, force: (k, 3) rad/s and (k, 3) m/s2, means in sensor axes.
-        h: (k,) s, duration.
+    C (k, 3, 3) is gyro frame <- sensor; rate and force (k, 3) rad/s and m/s2 are means in sensor axes; h (k,) is s.
     """
     i, j = LOWER
     by_gyr = np.concatenate((C, (C[:, :, :, None] * rate[:, None, None, :]).reshape(-1, 3, 9)), axis=2)
