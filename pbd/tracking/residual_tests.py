@@ -142,12 +142,16 @@ def _stop_alarms(solution: Solution, stops: Sequence[Stop]) -> Iterator[str]:
     frame, rest = problem.frame, problem.rest
     rests = [(k, *span) for k, span in enumerate(problem.stops) if t[span[1] - 1] - t[span[0]] > REST_S]
     for k, start, end in rests:
-        weight = np.median(solution.still_weight[problem.stop_of == k])
-        if weight < MOVING_WEIGHT and weight < _smallest_weight(len(rests)):
-            yield (
-                f"the sensor seems to rest from {t[start]:.1f} to {t[end - 1]:.1f} s, but this hardly fits the "
-                "motion before and after: one of the channels is wrong; look at pbd plot, and record again"
-            )
+        weight = float(np.median(solution.still_weight[problem.stop_of == k]))
+        if weight < MOVING_WEIGHT:  # else chance explains it
+            from scipy.special import chdtri
+
+            # Slow sway moves all knots of a rest as it moves one.
+            if weight < robust_weights(np.array(chdtri(3.0, FALSE_ALARM_CHANCE / len(rests)))):
+                yield (
+                    f"the sensor seems to rest from {t[start]:.1f} to {t[end - 1]:.1f} s, but this hardly fits the "
+                    "motion before and after: one of the channels is wrong; look at pbd plot, and record again"
+                )
     starts, ends = (np.array([getattr(stop, name) for stop in stops]) for name in ("start", "stop"))
     for start, end in solution.candidates:
         lasts = float(t[end - 1] - t[start])
@@ -160,13 +164,6 @@ def _stop_alarms(solution: Solution, stops: Sequence[Stop]) -> Iterator[str]:
                 f"from {t[start]:.1f} s on the sensor seems to rest for {lasts:.1f} s, but the stops beside it "
                 "contradict this: it coasts, or the data between them are wrong; look at pbd plot"
             )
-
-
-def _smallest_weight(rests: int) -> float:
-    """Median weight of a rest's knots below which it is suspected: slow sway moves all of them as it moves one."""
-    from scipy.special import chdtri
-
-    return float(robust_weights(np.array(chdtri(3.0, FALSE_ALARM_CHANCE / rests))))
 
 
 def _field_alarms(solution: Solution) -> Iterator[str]:

@@ -576,7 +576,7 @@ def test_short_holes_are_bridged() -> None:
     tracker, events = fed(holed)
     assert not [event for event in events if isinstance(event, DataFlaw)]
     repair = SampleRepair()
-    repair.begin(0.01)
+    repair.interval = 0.01
     assert recording.gyr is not None
     assert holed.gyr is not None
     rows = zip(holed.t.tolist(), holed.acc, holed.gyr, strict=True)
@@ -917,7 +917,7 @@ def test_a_row_that_is_lost_among_arrival_times_leaves_the_motion_unknown() -> N
     """Which row was the first to be late is not sure: rate and acceleration of 1 rad/s and 2 m/s2, one sigma, are
     missed."""
     repair = SampleRepair(straightened=True)
-    repair.begin(0.01)
+    repair.interval = 0.01
     acc, gyr = np.array((0.1, 0.2, 9.8)), np.array((0.1, 0.0, 0.0))
     for t in (0.0, 0.02):
         samples, _ = repair.take(t, acc, gyr, None, None)
@@ -986,7 +986,7 @@ def test_stops_of_a_real_hand_agree_with_the_optics(data_folder: Path) -> None:
 def test_between_the_neighbours_of_lost_samples_motion_may_be_anything() -> None:
     """Its noise: the variance of a uniform distribution between the two, summed over axes, times the gap's duration."""
     repair, between = SampleRepair(), np.linspace(0.0, 1.0, 10_001)[:, None]
-    repair.begin(0.01)
+    repair.interval = 0.01
     gyr, acc = np.array((0.1, -0.2, 0.3)), np.array((1.0, 2.0, -0.5))
     for t in (-1.0, 0.0):  # a second is judged before it is given
         repair.take(t, 0.5 * acc, 0.5 * gyr, None, None)

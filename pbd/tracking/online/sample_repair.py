@@ -69,12 +69,12 @@ class SampleRepair:
     """
 
     def __init__(self, *, straightened: bool = False) -> None:
-        """Begin; `straightened` as for `LiveTracker`."""
+        """Begin; `straightened` as for `LiveTracker`. Gaps are filled once the sampling interval is set."""
         self._straightened = straightened
         self._stamper: Stamper[_Row] | None = None
         self._times: list[float] = []  # of the latest rows, s, by which it is judged whether times jitter
         self._held: list[_Row] = []  # until it is judged for the first time
-        self._interval: float | None = None
+        self.interval: float | None = None  # s
         self._count = 0
         self._row = _Row(-1, None, None, None, None)  # the latest
         self._t = self._given_t = np.nan  # s, of the latest row: as fed, and as it was given to `_sample`
@@ -82,10 +82,6 @@ class SampleRepair:
         self._last: RepairedSample | None = None
         self._clock_wrong = False
         self._incomplete = False
-
-    def begin(self, interval: float) -> None:
-        """From now on fill gaps, with this sampling interval, s."""
-        self._interval = interval
 
     def take(
         self, t: float, acc: Array | None, gyr: Array | None, mag: Array | None, device_rpy: Array | None
@@ -169,9 +165,9 @@ class SampleRepair:
             None if device_rpy is None else np.array(device_rpy),
         )
         self._last = sample
-        if last is None or self._interval is None:
+        if last is None or self.interval is None:
             return [sample], []
-        return self._bridged(last, sample, self._interval)
+        return self._bridged(last, sample, self.interval)
 
     def _bridged(
         self, last: RepairedSample, sample: RepairedSample, interval: float

@@ -161,7 +161,7 @@ class LiveTracker:
             if len(hand.stops) > 1 or not hand.still or (hand.set_out and loud):
                 self._waiting = f"hold still for {REST_S:g} s: the hand moves"
                 return []
-            self._repair.begin(interval)
+            self._repair.interval = interval
             self._hand, self._still = hand, still
             return [RestFound(t, rest), self._hand.current_stop(t)]
         if rest.restless < hand.rest.restless / QUIET_RATIO:
