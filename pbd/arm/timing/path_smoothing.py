@@ -89,16 +89,13 @@ class Curve:
     def profile(self, limits: JointLimits, factor: float) -> SpeedProfile:
         """Return the fastest profile within a share `factor` of the limits, and no faster than the demonstration."""
         s = self.grid()
-        x_max = None if self.t is None else self._demonstrated(s, self.t) ** 2
+        x_max = None
+        if self.t is not None:
+            t, course = np.linspace(self.t[0], self.t[-1], 4 * len(s)), PchipInterpolator(self.t, self.s)
+            slowest = _SLOWEST * self.s[-1] / (self.t[-1] - self.t[0])
+            x_max = np.maximum(np.interp(s, course(t), course(t, 1)), slowest) ** 2
         velocity, acceleration = WITHIN * factor * limits.velocity, WITHIN * factor * limits.acceleration
         return fastest_profile(s, self.q(s, 1), self.q(s, 2), velocity, acceleration, x_max)
-
-    def _demonstrated(self, s: Array, passed: Array) -> Array:
-        """Return the demonstration's speed ds/dt (n,) at grid points; `passed`: the times (n,) of the waypoints, s."""
-        t = np.linspace(passed[0], passed[-1], 4 * len(s))
-        course = PchipInterpolator(passed, self.s)
-        slowest = _SLOWEST * self.s[-1] / (passed[-1] - passed[0])
-        return np.asarray(np.maximum(np.interp(s, course(t), course(t, 1)), slowest))
 
 
 def curved_move(
@@ -122,23 +119,15 @@ def curved_move(
     off = 0.5 * (_JERK_WIDTH**2 / 12.0 + 1.0 / 3.0) * factor * float(limits.acceleration.max())
     steps = int(np.clip(profile.t[-1] / np.sqrt(deviation_share * OFF_RAD / off), *JERK_STEPS))
     if ramp_s > _JERK_WIDTH * profile.t[-1] / steps:
-        slower = _jerk_limited(curve, profile, limits, factor, steps)
+        s = profile.at(profile.t[-1] / steps * np.arange(steps + 1.0))
+        s[-1] = profile.s[-1]
+        dq, ddq = (curve.q(0.5 * (s[:-1] + s[1:]), order) for order in (1, 2))
+        acceleration, jerk = WITHIN * factor * limits.acceleration, WITHIN * factor * limits.jerk
+        slower = jerk_limited_profile(s, np.interp(s, profile.s, profile.x), dq, ddq, acceleration, jerk)
         if slower is not None:
             return _averaged(curve, limits, factor, slower, slower.t[-1] / steps, _JERK_WIDTH)
     made = [_averaged(curve, limits, factor, profile, share * ramp_s / _WIDTH, _WIDTH) for share in _RAMPS]
     return min(made, key=lambda pieces: pieces.duration)
-
-
-def _jerk_limited(
-    curve: Curve, profile: SpeedProfile, limits: JointLimits, factor: float, steps: int
-) -> SpeedProfile | None:
-    """Slow a profile so that it keeps the jerk limits too; None if the solver fails."""
-    s = profile.at(profile.t[-1] / steps * np.arange(steps + 1.0))
-    s[-1] = profile.s[-1]
-    middle = 0.5 * (s[:-1] + s[1:])
-    acceleration, jerk = WITHIN * factor * limits.acceleration, WITHIN * factor * limits.jerk
-    x_max = np.interp(s, profile.s, profile.x)
-    return jerk_limited_profile(s, x_max, curve.q(middle, 1), curve.q(middle, 2), acceleration, jerk)
 
 
 def _averaged(

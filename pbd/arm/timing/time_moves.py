@@ -11,7 +11,6 @@ times a factor. Ruckig's waypoints are not used, since they call a web service.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 from ruckig import InputParameter, Ruckig, Trajectory
@@ -142,33 +141,21 @@ def time_moves(
 
 
 def ptp_move(q_start: Array, q_end: Array, limits: JointLimits, factor: float) -> PiecewiseCubic:
-    """Time a straight move in joint space.
-
-    Args:
-        q_start, q_end: (k,) rad.
-        limits: of the joints.
-        factor: share of the velocity, acceleration and jerk limits.
-    """
+    """Time a straight move in joint space from q_start to q_end (k,), rad, within a share `factor` of the limits."""
     dq = q_end - q_start
     length = float(np.abs(dq).max())
     if length == 0.0:
         return PiecewiseCubic(np.empty(0), np.empty((0, 4, len(dq))))
     direction = dq / length
-    profile = _profile(length, np.abs(direction), limits, factor)
+    moving, wanted, trajectory = dq != 0.0, InputParameter(1), Trajectory(1)
+    wanted.target_position = [length]
+    for name in ("velocity", "acceleration", "jerk"):
+        most = getattr(limits, name)[moving] / np.abs(direction[moving])
+        setattr(wanted, f"max_{name}", [WITHIN * factor * float(most.min())])
+    Ruckig(1).calculate(wanted, trajectory)
+    profile = trajectory.profiles[0][0]
     durations = np.array(profile.t)
     # Seven phases begin at the first seven of eight states; the last state is the end.
     s, v, a, j = (np.array(values)[: len(durations), None] for values in (profile.p, profile.v, profile.a, profile.j))
     coefficients = np.stack((q_start + s * direction, v * direction, a / 2.0 * direction, j / 6.0 * direction), axis=1)
     return PiecewiseCubic.of(durations, coefficients).lasting(LEAST_S)
-
-
-def _profile(length: float, share: Array, limits: JointLimits, factor: float) -> Any:
-    moving = share > 0.0
-    wanted = InputParameter(1)
-    wanted.current_position, wanted.target_position = [0.0], [length]
-    wanted.max_velocity = [WITHIN * factor * float((limits.velocity[moving] / share[moving]).min())]
-    wanted.max_acceleration = [WITHIN * factor * float((limits.acceleration[moving] / share[moving]).min())]
-    wanted.max_jerk = [WITHIN * factor * float((limits.jerk[moving] / share[moving]).min())]
-    trajectory = Trajectory(1)
-    Ruckig(1).calculate(wanted, trajectory)
-    return trajectory.profiles[0][0]
