@@ -12,11 +12,6 @@ HEADER = b"\xff\xff"
 BROADCAST_ID = 0xFE
 """The id that addresses all servos."""
 
-SYNC_READ, SYNC_WRITE = 0x82, 0x83
-SHORTEST, LONGEST = 2, 250
-"""Bounds of the length that a packet states, bytes: instruction and checksum alone; the most that Feetech's SDK
-takes."""
-
 
 class Answer(NamedTuple):
     """A servo's answer: its id, its error flags, the bytes of its registers."""
@@ -28,13 +23,13 @@ class Answer(NamedTuple):
 
 def sync_read(ids: tuple[int, ...], address: int, length: int) -> bytes:
     """Encode a request for `length` registers from `address` on of several servos, which answer one after another."""
-    return _packet(SYNC_READ, bytes([address, length, *ids]))
+    return _packet(0x82, bytes([address, length, *ids]))
 
 
 def sync_write(address: int, values: Mapping[int, bytes]) -> bytes:
     """Encode a write of registers from `address` on in several servos at once (id -> bytes). None answers."""
     length = len(next(iter(values.values())))
-    return _packet(SYNC_WRITE, bytes([address, length]) + b"".join(bytes([id_]) + data for id_, data in values.items()))
+    return _packet(0x83, bytes([address, length]) + b"".join(bytes([id_]) + data for id_, data in values.items()))
 
 
 def take_answers(buffer: bytearray) -> Iterator[Answer]:
@@ -45,7 +40,8 @@ def take_answers(buffer: bytearray) -> Iterator[Answer]:
         if len(buffer) < 4:
             return
         length = buffer[3]
-        if buffer[2] >= BROADCAST_ID or not SHORTEST <= length <= LONGEST:
+        # At least instruction and checksum, and at most what Feetech's SDK takes.
+        if buffer[2] >= BROADCAST_ID or not 2 <= length <= 250:
             del buffer[0]
             continue
         if len(buffer) < 4 + length:
