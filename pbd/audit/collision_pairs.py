@@ -15,9 +15,6 @@ from pbd.data import Calibration, GraspedObject, JointTrajectory
 from pbd.data.world import TABLE, THE_TOOL, ObjectPhase
 from pbd.io.urdf import read_urdf_xml, read_xml
 
-TRUSTED_REASONS = ("Adjacent", "Never")
-"""Reasons for which an SRDF may exclude a pair. Pairs that it excludes for another reason are checked."""
-
 SAMPLES = 200
 """Number of random configurations that show which solids touch nearly always."""
 
@@ -105,7 +102,7 @@ class AuditScene:
         """Return pairs of links that the robot's TOML lets touch, or that the SRDF excludes for a trusted reason."""
         robot = self.arm.robot
         entries = [] if robot.srdf is None else read_xml(robot.srdf).iterfind("disable_collisions")
-        trusted = [entry for entry in entries if entry.get("reason") in TRUSTED_REASONS]
+        trusted = [entry for entry in entries if entry.get("reason") in ("Adjacent", "Never")]
         by_srdf = {frozenset((entry.get("link1", ""), entry.get("link2", ""))) for entry in trusted}
         return by_srdf | set(map(frozenset, robot.may_touch))
 

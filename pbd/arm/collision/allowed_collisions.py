@@ -16,9 +16,6 @@ from pbd.data.world import THE_TOOL
 from pbd.io.urdf import read_xml
 from pbd.pose import Array
 
-TRUSTED = ("Adjacent", "Never")
-"""The SRDF's reasons that are trusted. Others ("Default", "disabled") were set by hand or found at one pose only."""
-
 CONFIGURATIONS = 200
 """Number of random configurations, with a fixed seed, that decide whether two bodies nearly always touch."""
 
@@ -95,10 +92,13 @@ def _carrier(parents: Mapping[str, str], link: str, solid: frozenset[str]) -> st
 
 
 def _trusted(arm: ArmModel) -> dict[frozenset[str], str]:
-    """Return the pairs of links that the robot's TOML or a trusted entry of the SRDF lets touch, and the reason."""
+    """Return the pairs of links that the robot's TOML or a trusted entry of the SRDF lets touch, and the reason.
+
+    Entries with another reason ("Default", "disabled") were set by hand or found at one pose only.
+    """
     entries = [] if arm.robot.srdf is None else read_xml(arm.robot.srdf).iterfind("disable_collisions")
     return dict.fromkeys(map(frozenset, arm.robot.may_touch), "may_touch in the robot's TOML") | {
         frozenset((entry.get("link1", ""), entry.get("link2", ""))): f"SRDF: {entry.get('reason')}"
         for entry in entries
-        if entry.get("reason") in TRUSTED
+        if entry.get("reason") in ("Adjacent", "Never")
     }

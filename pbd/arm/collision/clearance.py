@@ -17,7 +17,6 @@ of NaN counts as a contact.
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from types import MappingProxyType
 
 import numpy as np
 import pinocchio as pin
@@ -38,8 +37,6 @@ CACHED = 2000
 Pairs = NDArray[np.int64]
 AllowedTouches = Mapping[int, Callable[[Pose], bool]]
 """Index of a pair that may touch at some places -> whether it may, with the tool at T_base_tool."""
-NONE_ALLOWED: AllowedTouches = MappingProxyType({})
-"""No pair may touch anywhere."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,9 +89,9 @@ class Clearance:
         bodies: Sequence[Body],
         pairs: Pairs,
         margin_m: float = MARGIN_M,
-        allowed: AllowedTouches = NONE_ALLOWED,
+        allowed: AllowedTouches | None = None,
     ) -> None:
-        self.arm, self.bodies, self.margin_m, self.allowed = arm, tuple(bodies), margin_m, allowed
+        self.arm, self.bodies, self.margin_m, self.allowed = arm, tuple(bodies), margin_m, allowed or {}
         self.pairs = np.asarray(pairs, dtype=np.int64).reshape(-1, 2)
         self.rates = rates(arm, bodies, self.pairs)
         self._pads = np.array([self.bodies[a].pad + self.bodies[b].pad for a, b in self.pairs])

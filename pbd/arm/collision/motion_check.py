@@ -19,9 +19,7 @@ from pbd.errors import PlanError, listed
 from pbd.pose import Pose
 
 _STILL_RAD = 1e-6  # the arm counts as standing at joints that differ by less
-
-_MERGED_S = 0.1
-"""Contacts of one pair closer in time than this, s, are merged."""
+_MERGED_S = 0.1  # contacts of one pair closer in time than this are merged
 
 
 @dataclass(frozen=True, eq=False)
