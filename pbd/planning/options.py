@@ -12,16 +12,8 @@ from pbd.errors import UsageError, is_number, nearest, require_kind
 from pbd.io.numbers import LARGEST_NUDGE_M
 from pbd.planning.object_frames import ThingPlace
 
-PATHS = ("keyframes", "line", "demo")
-"""The path between keyframes: straight in joint space, a straight line of the tool, or the demonstrated path."""
-
-TIMES = ("limits", "demo")
-"""The durations of moves: as short as the limits allow, or the hand's own where the limits allow them."""
-
-ORIENTATIONS = ("demo", "fixed")
-
-CHOICES = {"path": PATHS, "time": TIMES, "orientation": ORIENTATIONS}
-"""Values of each option that is a word."""
+CHOICES = {"path": ("keyframes", "line", "demo"), "time": ("limits", "demo"), "orientation": ("demo", "fixed")}
+"""Values of each option that is a word; `PlanOptions` says what they mean."""
 
 BOUNDS = {
     "speed": (0.01, 1.0),
