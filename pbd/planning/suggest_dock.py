@@ -50,10 +50,6 @@ OFTEN_SHARE = 0.5
 most homes."""
 HOME_OVER_M = 0.05
 """Height of home over the dock, m, times the scale."""
-HOME_DESCENTS = 81
-"""Number of descents for the configurations of home."""
-APPROACH_OFF_RAD = float(np.radians(5.0))
-"""Largest error of the approach axis at a keyframe for an arm with too few joints, rad."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -248,7 +244,7 @@ def _rank(arm: ArmModel, docks: Sequence[Calibration], keyframes: Sequence[Keyfr
 
 def _solve_all(arm: ArmModel, poses: Sequence[Pose]) -> Array | None:
     """Return joints (m, k) for m different poses, farthest from the first pose first; None if one is out of reach."""
-    from pbd.arm.ik.partial_pose import is_partial, measure
+    from pbd.arm.ik.partial_pose import WARN_RAD, is_partial, measure
     from pbd.arm.ik.solver import solve
     from pbd.arm.model import to_se3
 
@@ -258,7 +254,7 @@ def _solve_all(arm: ArmModel, poses: Sequence[Pose]) -> Array | None:
         result = solve(arm, pose, found[-1] if found else None)
         if not result.reached:
             return None
-        if is_partial(arm) and measure(arm, to_se3(pose), result.q).approach_rad > APPROACH_OFF_RAD:
+        if is_partial(arm) and measure(arm, to_se3(pose), result.q).approach_rad > WARN_RAD:
             return None
         found.append(result.q)
         left = [other for other in left if max(pose.distance(other)) > 0.01]
@@ -283,10 +279,11 @@ def _plan_at_dock(task: PlanningTask) -> tuple[Plan, list[str]] | str:
 def _homes(task: PlanningTask) -> list[Array]:
     """Return joints (k,) with the tool over the first keyframe, least cost first; free ones if there are any."""
     from pbd.arm.ik.branches import configuration_cost, find_branches, turn_toward
+    from pbd.arm.ladder_building import STARTS_WIDE
 
     arm, first, usual = task.arm, task.T_base_tool[0], task.robot.home
     over = Pose(first.p + np.array([0.0, 0.0, HOME_OVER_M * task.calibration.scale]), first.wxyz)
-    found = turn_toward(arm, find_branches(arm, over, usual[None], HOME_DESCENTS), usual)
+    found = turn_toward(arm, find_branches(arm, over, usual[None], STARTS_WIDE), usual)
     if not len(found):
         return []
     least_first = np.round(found[configuration_cost(arm, found).argsort()], 4)
