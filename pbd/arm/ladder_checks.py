@@ -19,14 +19,13 @@ from pbd.arm.motion_request import STRAIGHT, MotionRequest
 from pbd.arm.tool_deviation import tool_deviations
 from pbd.pose import Array, Pose
 
-ENOUGH_DETOURS, OTHER_DETOUR_COST = 1, 100.0
-"""After ENOUGH_DETOURS detours on a link, a further one costs OTHER_DETOUR_COST rad extra, to come last."""
+OTHER_DETOUR_COST = 100.0
+"""Extra cost of a second detour on a link, rad, so that it comes last."""
 DETOUR_CHECKS, DETOUR_CHECKS_PER_KEYFRAME, CLOSE_CHECKS_SHARE = 6000, 1000, 0.5
 """Collision checks for all detours of a motion: DETOUR_CHECKS, and DETOUR_CHECKS_PER_KEYFRAME for each keyframe. With
 the smaller margin CLOSE_M, only this share of the sum."""
-WIDE_COST, MOST_WIDE = 2.0 * np.pi, 400
-"""Cost of a wide move, rad of joint travel; number of wide moves between two keyframes after which none is measured
-any more."""
+WIDE_COST = 2.0 * np.pi
+"""Cost of a wide move, rad of joint travel."""
 APPROACH_M = 0.08, 0.16
 """Distances of a via point before keyframe 0, m, along the tool's approach axis.
 
@@ -131,12 +130,10 @@ class LinkChecks:
             i
             for i, place in enumerate(places)
             if self.is_straight(place)
-            and self.at(place)[1].wide_pairs < MOST_WIDE
             # The ladder has already charged for a joint that moves by more than half a turn.
             and not (turns[i] and self.ladder.layers[place].wide_cost > 0.0)
         ]
         for i, deviation in zip(asked, tool_deviations(self.arm, q_before[asked], q[asked]), strict=True):
-            self.at(places[i])[1].wide_pairs += deviation.wide
             costs[i] = WIDE_COST * deviation.wide
         return costs
 
@@ -151,7 +148,7 @@ class LinkChecks:
             if move.detour:
                 scale = self.arm.travel_scale
                 cost = joint_travel(np.vstack((q_before, along)), scale) - joint_travel(np.stack((q_before, q)), scale)
-                if len(link.free_moves) == ENOUGH_DETOURS:
+                if len(link.free_moves) == 1:
                     self.ladder.set_unchecked_cost(place, OTHER_DETOUR_COST)
         return cost
 

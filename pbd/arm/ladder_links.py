@@ -18,7 +18,6 @@ class MoveState:
         hits: kind of move -> the first hit that was found.
         pose_hit: a hit of the arm at the keyframe itself.
         barred_pairs: number of barred pairs of configurations.
-        wide_pairs: number of pairs of configurations between which the tool deviates widely.
         wide: the tool's deviation on the wide straight move that a path replaced.
         tried_around: a detour was tried in place of that move, or there was no reason to.
         detour: nothing else was free, so a detour is searched for.
@@ -31,7 +30,6 @@ class MoveState:
     hits: dict[str, Hit] = field(default_factory=dict)
     pose_hit: Hit | None = None
     barred_pairs: int = 0
-    wide_pairs: int = 0
     wide: ToolDeviation | None = None
     tried_around: bool = False
     detour: bool = False

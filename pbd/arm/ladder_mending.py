@@ -9,10 +9,9 @@ from pbd.arm.ladder_links import Link
 from pbd.arm.motion_request import DEMO, LINE, STRAIGHT
 from pbd.pose import Pose
 
-MEND_AFTER_PATHS = 4
-"""Number of barred paths of the tool, from keyframe to keyframe, after which a link is mended."""
-MEND_AFTER_DETOURS = 4
-"""Number of pairs of configurations without a detour after which a link is mended."""
+MEND_AFTER_COSTLY = 4
+"""Number of pairs of configurations without a free path of the tool, or without a detour, after which a link is mended.
+"""
 DETOUR_EXTRA = 1.0
 """Assumed extra length of a detour over the straight move, rad, until the detour is found."""
 MEND_AFTER_STRAIGHT_WIDENED = 150
@@ -33,7 +32,7 @@ class Mending(LinkChecks):
         hand = self.request.hand_paths if kind != LINE else None
         self.moves[i].kind = DEMO if hand else LINE
         link.poses = tuple(hand()[i - 1]) if hand else line(T_base_tool[i - 1], T_base_tool[i])
-        self.ladder.reset_moves(place, MEND_AFTER_PATHS, costly=True)
+        self.ladder.reset_moves(place, MEND_AFTER_COSTLY, costly=True)
 
     def _detour(self, i: int) -> None:
         """Replace the move to keyframe i by a detour in joint space; the tool's path is then free."""
@@ -41,7 +40,7 @@ class Mending(LinkChecks):
         self.moves[i].detour = True
         self.ladder.drop(places[0], places[-1])
         self.links[places[0] - 1 : places[-1]] = [Link(i)]
-        self.ladder.reset_moves(places[0], MEND_AFTER_DETOURS, costly=True, in_order=True, unchecked_cost=DETOUR_EXTRA)
+        self.ladder.reset_moves(places[0], MEND_AFTER_COSTLY, costly=True, in_order=True, unchecked_cost=DETOUR_EXTRA)
 
     def _widen(self, i: int) -> None:
         """Add configurations at all layers of the move to keyframe i.
