@@ -22,7 +22,6 @@ from pbd.pose import Array, Pose, quat_from_xyzw, quat_to_xyzw
 
 FloatArray = NDArray[np.floating[Any]]
 
-TOOL = "pbd_tool"
 _JOINT = " (joint)"
 _BASE_AXES = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 
@@ -45,7 +44,6 @@ class ArmModel:
     """An arm's forward kinematics. Not safe to share between threads: pinocchio computes in `data`.
 
     Attributes:
-        robot: the robot.
         full: pinocchio's model of the entire URDF, for the viewer and for collision checks.
         axes: joint of `full` -> its axis (3,) in its own frame, and whether it is prismatic.
         drives: driven joint of `full` -> its column of x, slope, at_zero; the joint's value is at_zero + slope * x.
@@ -102,7 +100,7 @@ class ArmModel:
         self.tool_joint, T_joint_body = self.link_on_joint(robot.body)
         self.T_joint_tool = T_joint_body @ robot.T_body_tool
         placement = body.placement * to_se3(robot.T_body_tool)
-        frame = pin.Frame(TOOL, body.parentJoint, 0, placement, pin.FrameType.OP_FRAME)
+        frame = pin.Frame("pbd_tool", body.parentJoint, 0, placement, pin.FrameType.OP_FRAME)
         self.tool_id: int = self.model.addFrame(frame)
         self.data = self.model.createData()
         self.configuration = _configuration_of(self.model)

@@ -4,7 +4,7 @@ import numpy as np
 import pinocchio as pin
 
 from pbd.arm.ik.closed_form import closed_form, flipped_elbow
-from pbd.arm.ik.levenberg_marquardt import SOLVED, Residual, descend_each
+from pbd.arm.ik.levenberg_marquardt import EXACT, RIDGE, SOLVED, Residual, descend_each
 from pbd.arm.ik.partial_pose import SLACK_RAD, is_partial, is_redundant, refine_partial, solve_partial
 from pbd.arm.ik.seven_joints import seven_joints
 from pbd.arm.ik.solver import solve
@@ -33,18 +33,13 @@ NEARBY = 256
 """Number of seeds near the pose from which starts are chosen."""
 SAME_RAD = 1e-3
 """Solutions that differ by less than this in every joint are one."""
-EXACT = 1e-9
-"""|e| (m, rad) below which a solution is not polished."""
-
-_RIDGE = 1e-12 * np.eye(6)  # keeps the step small where the arm is singular
 
 
 def find_branches(arm: ArmModel, T_base_tool: Pose, before: Array, starts: int) -> Array:
     """Find different configurations (m, k) that reach a pose; (0, k) if even `solve` finds none.
 
     Args:
-        arm: the arm.
-        T_base_tool: the pose.
+        arm, T_base_tool: the arm, and the pose.
         before: (b, k) rad, where the arm may come from, the likeliest first.
         starts: number of descents: a third from `before`, the others from seeds near the pose, those nearest to
             `before` first. From each self-motion curve of a redundant arm, at most a third as many are taken.
@@ -112,7 +107,7 @@ def polish(arm: ArmModel, goal: pin.SE3, q: Array) -> Array:
     q = np.clip(q, lower, upper)
     for i, each in enumerate(q):
         e, J = residual(each)
-        step = J.T @ _dposv(J @ J.T + _RIDGE, e)[1]
+        step = J.T @ _dposv(J @ J.T + RIDGE * np.eye(6), e)[1]
         if e @ e > EXACT**2 and step @ step < SAME_RAD**2:
             polished = np.clip(each - step, lower, upper)
             off, _ = residual(polished)

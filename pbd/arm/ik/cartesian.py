@@ -10,7 +10,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from pbd.arm.ik.levenberg_marquardt import Residual
+from pbd.arm.ik.levenberg_marquardt import EXACT, Residual
 from pbd.arm.ik.partial_pose import is_partial, is_redundant, refine_partial
 from pbd.arm.model import ArmModel, to_se3
 from pbd.arm.tool_deviation import off_line
@@ -30,7 +30,6 @@ _HALVINGS = 10  # how often the distance of two poses is halved to keep the tool
 _LEAP_STEPS = 8  # steps into which two poses are divided to check for a leap
 _LEAST_POSES = 8  # smallest number of poses on a line
 _STEPS = 12  # largest number of Newton steps for a pose
-_SETTLED = 1e-9  # |e| (m, rad) at which a pose is solved
 _RIDGE = 1e-10 * np.eye(6)  # keeps the normal equations solvable where the arm is singular
 
 
@@ -124,7 +123,7 @@ def refine(arm: ArmModel, pose: Pose, q_seed: Array) -> Array | None:
     q, residual = q_seed, Residual(arm, goal)
     for _ in range(_STEPS):
         e, J = residual(q)
-        if e @ e < _SETTLED**2:
+        if e @ e < EXACT**2:
             inside = (q >= arm.limits.lower).all() and (q <= arm.limits.upper).all()
             return q if inside else None
         q = q - J.T @ np.linalg.solve(J @ J.T + _RIDGE, e)

@@ -27,6 +27,8 @@ DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-2, 1e-6, 1e4
 """Initial and smallest mu; largest damping mu |e|^2: the descent ends if no step up to it lowers |e|^2."""
 RIDGE = 1e-12
 """Keeps the normal equations solvable where the arm is singular."""
+EXACT = 1e-9
+"""|e| (m, rad) below which a solution is exact but for rounding."""
 SLOW = 0.49
 """A step is slow if it leaves more than this share of |e|^2 (70 % of |e|)."""
 STALLED = 1.0 - 1e-6
@@ -34,8 +36,6 @@ STALLED = 1.0 - 1e-6
 
 PATIENCE = 4
 """Number of successive slow steps after which a seed is given up."""
-NEVER_GIVE_UP = MOST_STEPS
-"""Patience with which no seed is given up."""
 
 
 def descend_each(
@@ -49,8 +49,7 @@ def descend_each(
     """Descend from one seed after the other until one reaches the target.
 
     Args:
-        arm: the arm.
-        target: the tool's pose in base.
+        arm, target: the arm, and the tool's pose in base.
         q_seeds: (m, k) rad.
         patience: number of successive slow steps after which a seed is given up.
         all_seeds: descend from all seeds.
@@ -94,7 +93,7 @@ def descend(
     limits: JointLimits,
     q_seed: Array,
     *,
-    patience: int = NEVER_GIVE_UP,
+    patience: int = MOST_STEPS,
     steps: int = MOST_STEPS,
     solved: float = SOLVED,
     stalled: float = STALLED,

@@ -18,14 +18,11 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from pbd.arm.ik.levenberg_marquardt import descend
+from pbd.arm.ik.levenberg_marquardt import EXACT, descend
 from pbd.arm.ik.starts import distinct, starts_of
 from pbd.arm.model import ArmModel, to_se3
 from pbd.errors import in_degrees, warn
 from pbd.pose import Array, Pose
-
-FULL_POSE = 6
-"""Number of directions, of translation and rotation, in which a tool can move."""
 
 ABOUT_AXIS_WEIGHT = 0.1
 """Weight of the rotation about the approach axis, relative to that of the approach axis itself."""
@@ -33,8 +30,8 @@ ABOUT_AXIS_WEIGHT = 0.1
 SLACK_RAD = np.deg2rad(0.1)
 """On a path, a solution's weighted rotation error, rad, may be larger than the best solution's by up to this."""
 
-NEAR_M, EXACT_M = 1e-5, 1e-9
-"""Tolerance of the position, m, and the accuracy to which it is solved."""
+NEAR_M = 1e-5
+"""Tolerance of the position, m."""
 
 WARN_RAD = np.deg2rad(5.0)
 """Rotation error above which a warning is given, rad."""
@@ -73,12 +70,12 @@ class PartialPose(NamedTuple):
 
 def is_partial(arm: ArmModel) -> bool:
     """Whether an arm can't reach any pose: it has too few joints, or too many of them move the tool alike."""
-    return starts_of(arm).directions < FULL_POSE
+    return starts_of(arm).directions < 6
 
 
 def is_redundant(arm: ArmModel) -> bool:
     """Whether an arm reaches any pose with joints to spare, so that it can move without moving its tool."""
-    return len(arm.robot.joints) > FULL_POSE and not is_partial(arm)
+    return len(arm.robot.joints) > 6 and not is_partial(arm)
 
 
 def solve_partial(arm: ArmModel, goal: pin.SE3, q_seeds: Array) -> list[PartialPose]:
@@ -108,7 +105,7 @@ def solve_partial(arm: ArmModel, goal: pin.SE3, q_seeds: Array) -> list[PartialP
 def refine_partial(arm: ArmModel, goal: pin.SE3, q_seed: Array) -> PartialPose:
     """Descend from a seed (k,) to a solution by the rule."""
     fine = _Residual(arm, goal, _FINE)
-    q, _ = descend(fine, arm.limits, q_seed, steps=_FINE_STEPS, solved=EXACT_M**2, stalled=1.0, still=_STILL_RAD)
+    q, _ = descend(fine, arm.limits, q_seed, steps=_FINE_STEPS, solved=EXACT**2, stalled=1.0, still=_STILL_RAD)
     return measure(arm, goal, nearest_position(arm, goal, q))
 
 
@@ -120,7 +117,7 @@ def nearest_position(arm: ArmModel, goal: pin.SE3, q_seed: Array) -> Array:
         p, _, J = arm.tool_with_jacobian(q)
         return p - p_goal, J[:3]
 
-    q, _ = descend(residual, arm.limits, q_seed, solved=EXACT_M**2)
+    q, _ = descend(residual, arm.limits, q_seed, solved=EXACT**2)
     return q
 
 

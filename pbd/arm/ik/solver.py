@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from pbd.arm.ik.levenberg_marquardt import NEVER_GIVE_UP, SOLVED, Residual, descend_each
+from pbd.arm.ik.levenberg_marquardt import MOST_STEPS, SOLVED, Residual, descend_each
 from pbd.arm.ik.partial_pose import is_partial, solve_partial
 from pbd.arm.ik.starts import starts_of
 from pbd.arm.model import ArmModel, to_se3
@@ -18,8 +18,8 @@ from pbd.pose import Array, Pose
 TOLERANCE_M, TOLERANCE_RAD = 1e-5, 1e-5
 """Largest errors of the tool's position, m, and rotation, rad, at which a pose counts as reached."""
 
-NEAREST_STARTS, NEAREST_STARTS_PARTIAL = 24, 8
-"""Number of samples near the pose that are tried first; and the same for an arm with too few joints."""
+NEAREST_STARTS = 24
+"""Number of samples near the pose that are tried first."""
 NEAR_MISS, NEARLY_THERE = 0.2, 0.005
 """|e| (m, rad) of the best failed descent below which random restarts follow, few or many."""
 FEW_RESTARTS, MANY_RESTARTS = 48, 400
@@ -50,27 +50,20 @@ class IkResult:
 
 
 def solve(arm: ArmModel, T_base_tool: Pose, q_seed: Array | None = None) -> IkResult:
-    """Find joints for a tool pose; deterministic.
+    """Find joints for a tool pose, from `q_seed` (k,) rad first; deterministic.
 
-    Args:
-        arm: the arm.
-        T_base_tool: the pose.
-        q_seed: (k,) rad, tried first.
-
-    Returns:
-        The first solution; if none is found, the joints with the smallest |e|, and `reached` is false. For an arm with
-        too few joints, the nearest by its rule.
+    Return the first solution; if none is found, the joints with the smallest |e|, and `reached` is false. For an arm
+    with too few joints, the nearest by its rule.
     """
     goal, starts = to_se3(T_base_tool), starts_of(arm)
     seeds = np.empty((0, len(arm.limits.lower))) if q_seed is None else q_seed[None]
-    if is_partial(arm):  # it may happen to reach the full pose
-        q, squares = descend_each(arm, goal, starts.nearest(goal, NEAREST_STARTS_PARTIAL))
-        return ik_result(arm, goal, q[-1] if squares[-1] < SOLVED else solve_partial(arm, goal, seeds)[0].q)
+    if is_partial(arm):
+        return ik_result(arm, goal, solve_partial(arm, goal, seeds)[0].q)
     q, squares = descend_each(arm, goal, np.vstack((seeds, starts.nearest(goal, NEAREST_STARTS))))
     # At the edge of the reach steps are small, so all descents may have been given up early: resume the best.
     for i in np.argsort(squares)[:RESUMED]:
         if squares.min() >= SOLVED:
-            (q[i],), (squares[i],) = descend_each(arm, goal, q[i : i + 1], patience=NEVER_GIVE_UP)
+            (q[i],), (squares[i],) = descend_each(arm, goal, q[i : i + 1], patience=MOST_STEPS)
     if SOLVED <= squares.min() < NEAR_MISS**2:
         count = MANY_RESTARTS if squares.min() < NEARLY_THERE**2 else FEW_RESTARTS
         others, their_squares = descend_each(arm, goal, starts.q[:count])

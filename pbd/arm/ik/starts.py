@@ -11,15 +11,12 @@ from pbd.pose import Array
 SAMPLES = 10_000
 ROTATION_WEIGHT_M = 0.3
 """Weight of a difference of 1 in an element of the rotation matrix, m."""
-LOW_SHARE = 0.25
-"""Share of the configurations that counts as nearly singular."""
-
 STILL = 1e-3
 """Singular value of a Jacobian, m or rad per rad, below which the joints don't move the tool in that direction. The
 bundled arms reach 0.08 or more; axes that are parallel but for a URDF's rounded angles (1.571) stay below 3e-4."""
 
-_MEASURED = 500  # samples from which that quantile of manipulability is computed
-_REACH_SAMPLES, _REACH_STARTS = 20_000, 4  # samples of which the farthest are the starts for maximizing the reach
+_MEASURED = 500  # samples of which that percentile of manipulability is computed
+_REACH_STARTS = 4  # number of samples, the farthest, from which the reach is maximized
 _ON_AXIS_M = 1e-9  # keeps the gradient finite for a tool on the axis
 
 
@@ -52,7 +49,7 @@ class Starts:
         self._features = np.hstack((self.p, ROTATION_WEIGHT_M * R.reshape(-1, 9)))
         self._half_squares = 0.5 * np.einsum("nf,nf->n", self._features, self._features)
         J = np.array([arm.jacobian(q) for q in self.q[:_MEASURED]])
-        self.low_manipulability = float(np.quantile(manipulability(J), LOW_SHARE))
+        self.low_manipulability = float(np.quantile(manipulability(J), 0.25))
         self.directions = int(np.linalg.matrix_rank(J, tol=STILL).max())
 
     def nearest(self, goal: pin.SE3, count: int) -> Array:
@@ -116,8 +113,7 @@ def reach(arm: ArmModel) -> float:
         distance = max(float(np.hypot(p[0], p[1])), _ON_AXIS_M)
         return -distance, -(p[:2] / distance) @ J[:2]
 
-    q = sample_joints(arm, _REACH_SAMPLES)
-    p, _ = arm.forward_many(q)
-    best = q[np.argsort(-np.hypot(p[:, 0], p[:, 1]))[:_REACH_STARTS]]
+    samples = starts_of(arm)
+    best = samples.q[np.argsort(-np.hypot(samples.p[:, 0], samples.p[:, 1]))[:_REACH_STARTS]]
     bounds = Bounds(arm.limits.lower, arm.limits.upper)
     return max(-float(minimize(minus_distance, each, jac=True, bounds=bounds, method="L-BFGS-B").fun) for each in best)
