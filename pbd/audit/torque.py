@@ -55,15 +55,7 @@ class Torque:
 
 
 def find_torque(arm: AuditArm, trajectory: JointTrajectory, load: Load, effort: Array, pace: float = 1.0) -> Torque:
-    """Find the largest share of the torque limits.
-
-    Args:
-        arm: the audit's model.
-        trajectory: the motion.
-        load: what the tool carries.
-        effort: (k,) limits, N m, or N for a sliding joint.
-        pace: speed of the motion, see `torques`.
-    """
+    """Find the largest share of the limits `effort` (k,), N m, or N for a sliding joint; `pace`: see `torques`."""
     t = time_grid(trajectory, GRID_S, MAX_GRID)
     values = np.abs(torques(arm, trajectory, t, load, pace))
     i, joint = np.unravel_index(int(np.argmax(values / effort)), values.shape)
@@ -101,9 +93,7 @@ def torques(arm: AuditArm, trajectory: JointTrajectory, t: Array, load: Load, pa
     """Return the torques of the arm's joints (n, k), N m (N for a sliding joint), at times t (n,) s.
 
     Args:
-        arm: the audit's model.
         trajectory: the motion. The fingers follow it too, but count as at rest.
-        t: (n,) s.
         load: what the tool carries.
         pace: speed of the motion relative to the trajectory's own; 0 holds the arm still at each time.
     """
