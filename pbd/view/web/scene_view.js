@@ -162,6 +162,7 @@ class SceneView {
     this.framed = false;
     const { controls } = this.viewer;
     this.camera.position.sub(controls.target).applyAxisAngle(this.camera.up, radians).add(controls.target);
+    controls.update();
     this.viewer.set_dirty();
   }
 
