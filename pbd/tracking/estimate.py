@@ -9,11 +9,11 @@ import numpy as np
 
 from pbd.data import ErrorEstimate, Recording, SensorEstimate, Stop
 from pbd.data.covariance import PoseCovariance
-from pbd.data.tracking import DOUBTED_WEIGHT
 from pbd.errors import TrackingError
 from pbd.pose import Array, lengths, quat_inverse, quat_log, quat_multiply
 from pbd.tracking.first_rest import Rest
 from pbd.tracking.noise import OUTLIER_SIGMAS, Noise, acc_sigma_factor
+from pbd.tracking.smoother.doubtful_stops import stop_weights
 from pbd.tracking.smoother.normal_equations import STATE, STATE_ACC_BIAS, STATE_GYR_BIAS, Solved
 from pbd.tracking.smoother.path import SensorPath, between_stops
 from pbd.tracking.smoother.preintegration import ACC_MATRIX, GYR_MATRIX, LAG, POS, ROT, LostMotion, integral_of_means
@@ -68,8 +68,8 @@ def estimate(
     if solution is None:
         raise TrackingError("the hand never stands still; stop for half a second between the moves")
     t, problem = recording.t, solution.problem
-    weights = solution.stop_weights().tolist()
-    believed = [k for k, weight in enumerate(weights) if weight > 1.0 - DOUBTED_WEIGHT]
+    weights = stop_weights(problem, solution.state).tolist()
+    believed = [k for k, weight in enumerate(weights) if weight]
     if not believed:
         refuse_doubted_rest(t, rest, ())
     joined = _join_stops(solution, believed, [event.t for event in recording.grip])

@@ -5,14 +5,17 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from pbd.data.tracking import DOUBTED_WEIGHT
 from pbd.pose import Array, lengths
 from pbd.tracking.moving_windows import Spans
 from pbd.tracking.noise import OUTLIER_SIGMAS
 from pbd.tracking.slow_ends import without_slow_ends
+from pbd.tracking.smoother.factors import pivot_velocity, robust_weights
 from pbd.tracking.smoother.gauss_newton import UNDOUBTED_SIGMAS
 from pbd.tracking.smoother.knots import Problem
 from pbd.tracking.smoother.normal_equations import Solved
 from pbd.tracking.smoother.preintegration import VEL
+from pbd.tracking.smoother.state import State
 from pbd.tracking.zero_velocity import ENERGY_WINDOW_S, lasts, slow_parts, trimmed
 
 MOVING_WEIGHT = 0.29
@@ -85,6 +88,20 @@ def revised_stops(
             if lasts(t, stop, 0.5 * ENERGY_WINDOW_S):
                 stops.append(stop)
     return stops
+
+
+def stop_weights(problem: Problem, x: State) -> Array:
+    """Weight of each stop, 0 to 1: the largest robust weight of a knot beside another slow one; 0: it is no stop.
+
+    A hand that turns back has zero velocity too, but only for an instant.
+    """
+    found, speed = np.zeros(len(problem.stops)), lengths(pivot_velocity(problem, x)[0])
+    weights = robust_weights(np.maximum((speed / problem.still_sigma) ** 2 - 3.0, 0.0))
+    slow = speed < np.maximum(SLOW_SPEED, OUTLIER_SIGMAS * problem.still_sigma)
+    before, after = np.pad(problem.same_stop, (1, 0)), np.pad(problem.same_stop, (0, 1))
+    rests = before & np.roll(slow, 1) | after & np.roll(slow, -1) | ~(before | after)
+    np.maximum.at(found, problem.stop_of, weights * (rests & (problem.stop_of >= 0)))
+    return np.where(found > 1.0 - DOUBTED_WEIGHT, found, 0.0)
 
 
 def settled(t: Array, before: Spans, after: Spans) -> bool:

@@ -17,8 +17,8 @@ from pbd.tracking.first_rest import QUIET_GYR, Rest
 from pbd.tracking.moving_windows import Spans, cumulative
 from pbd.tracking.noise import Noise
 from pbd.tracking.smoother.attitude import gyro_frame_of, heading, level_at_stops
-from pbd.tracking.smoother.doubtful_stops import doubted_stops, revised_stops, settled
-from pbd.tracking.smoother.factors import pivot_velocity, robust_weights, shared_prior
+from pbd.tracking.smoother.doubtful_stops import doubted_stops, revised_stops, settled, stop_weights
+from pbd.tracking.smoother.factors import shared_prior
 from pbd.tracking.smoother.gauss_newton import descend
 from pbd.tracking.smoother.knots import Problem, build_problem, row_noise
 from pbd.tracking.smoother.large_errors import LargeErrors, find_large_errors
@@ -75,13 +75,6 @@ class Solution:
     converged: bool
     leg_residuals: tuple[Array, Array] | None = None
     leg_drifts: Array | None = None
-
-    def stop_weights(self) -> Array:
-        """Weight of each stop, 0 to 1: the largest robust weight among its knots."""
-        at, weights = self.problem.stop_of >= 0, np.zeros(len(self.problem.stops))
-        excess = lengths(pivot_velocity(self.problem, self.state)[0][at]) ** 2 / self.problem.still_sigma[at] ** 2 - 3.0
-        np.maximum.at(weights, self.problem.stop_of[at], robust_weights(np.maximum(excess, 0.0)))
-        return weights
 
 
 def smooth(
@@ -157,15 +150,19 @@ def smooth(
     if not found.converged:
         found = descend(problem, found.x, fixed)
     path, candidates = path_of(problem, found.x), stops or Spans()
-    cut = np.zeros(len(candidates), dtype=np.bool_)
-    for _ in range(MAX_RECUTS):
-        cut = cut | doubted_stops(problem, found.still_weight, candidates)
-        stops = revised_stops(problem, path.v, found.solved, candidates, cut, still_sigma, all_gaps)
-        if not stops:
-            break
-        if settled(problem.frame.t, problem.stops, stops):
-            problem = replace(problem, stops=stops)
-            break
+    cut, recuts = np.zeros(len(candidates), dtype=np.bool_), MAX_RECUTS
+    while True:
+        if recuts:
+            recuts -= 1
+            cut = cut | doubted_stops(problem, found.still_weight, candidates)
+            stops = revised_stops(problem, path.v, found.solved, candidates, cut, still_sigma, all_gaps)
+            if not stops or settled(problem.frame.t, problem.stops, stops):
+                problem, recuts = replace(problem, stops=stops or problem.stops), 0
+                continue
+        else:  # a small weight of a small sigma still holds the hand, so what is no stop is left out
+            stops = [stop for stop, weight in zip(problem.stops, stop_weights(problem, found.x), strict=True) if weight]
+            if len(stops) in (0, len(problem.stops)):
+                break
         found.solved.forget()
         revised = build(stops)
         if not revised.stops:
