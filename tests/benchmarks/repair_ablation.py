@@ -68,6 +68,7 @@ WITHOUT: dict[str, tuple[Change, ...]] = {
         (module, "acc_sigma_factor", lambda *_: 1.0) for module in (factors, estimate)
     ),
     "rest that is no stop": ((track_alone, "refuse_doubted_rest", nothing),),
+    "what is no stop, left out": ((smooth, "stop_weights", lambda problem, _: np.ones(len(problem.stops))),),
     "a large lag": ((large_errors, "REMOVED_LAG", LARGE),),
     "a common scale": ((smooth, "WIDE_SCALE_SIGMA", TINY),),
     "upside down": ((track_alone, "warn_upside_down", nothing),),
