@@ -14,7 +14,6 @@ from pbd.errors import WrongValueError, require_kind
 from pbd.pose import (
     Array,
     Pose,
-    lengths,
     quat_about_z,
     quat_exp,
     quat_from_xyzw,
@@ -24,14 +23,8 @@ from pbd.pose import (
     skew,
 )
 
-MAX_ITERATIONS, CONVERGED_STEP = 50, 1e-9
-"""Largest number of Gauss-Newton iterations (three or four are usual); step (m, rad, log of scale) that ends them."""
-
 PRIOR_FREEDOM = 2.0
 """Degrees of freedom of the prior that the tracker's sigmas are right, because few points may fit well by chance."""
-
-TWO_SIGMA_SHARE = 0.97725
-"""Probability of a normal distribution below two sigma."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,9 +152,9 @@ def widened(cov: Array, chi2: float, freedom: int) -> Array:
     If the sigmas are right up to a factor, whose prior has PRIOR_FREEDOM degrees of freedom, the unknowns have
     Student's t distribution (A. Zellner, An introduction to Bayesian inference in econometrics, 1971, III).
     """
-    from scipy.special import stdtrit
+    from scipy.special import ndtr, stdtrit
 
-    wider = 0.5 * float(stdtrit(PRIOR_FREEDOM + freedom, TWO_SIGMA_SHARE))
+    wider = 0.5 * float(stdtrit(PRIOR_FREEDOM + freedom, float(ndtr(2.0))))
     return np.asarray(cov * variance_factor(chi2, freedom) * wider**2)
 
 
@@ -183,37 +176,36 @@ def align(p_from: Array, p_to: Array, free: bool = False) -> Pose:
 
 
 def register(problem: RegistrationProblem, left_out: Sequence[int] = ()) -> RegistrationFit:
-    """Fit by damped Gauss-Newton. The touch of a point that is left out has an additional error, estimated too.
+    """Fit by least squares. The touch of a point that is left out has an additional error, estimated too.
 
     That error is estimated with all correlations, so it does not include tracking errors that the other points show.
     Residuals are whitened in nav, where the noise does not depend on the unknown rotation.
     """
+    from scipy.optimize import least_squares
+
     touched, where = problem.touched, problem.unknowns
     used = np.delete(np.arange(len(problem.points)), left_out)
-    scale = problem.scale
-    pose = align((scale * touched.p_nav_sensor + touched.lever)[used], problem.points[used], problem.free)
-    errors = np.zeros((len(left_out), 3))
+    start = align((problem.scale * touched.p_nav_sensor + touched.lever)[used], problem.points[used], problem.free)
     whiten = np.linalg.inv(np.linalg.cholesky(touched.cov))
     by_error = whiten.reshape(len(whiten), -1, 3)[:, list(left_out)].reshape(len(whiten), -1)
 
-    def left_over(pose: Pose, scale: float, errors: Array) -> Array:
-        return whiten @ misfit(problem, pose, scale).ravel() - by_error @ errors.ravel()
+    def at(x: Array) -> tuple[Pose, float]:
+        step = np.zeros(7)
+        step[where] = x[: len(where)]
+        return moved(start, problem.scale, step)
 
-    for _ in range(MAX_ITERATIONS):
-        off = left_over(pose, scale, errors)
-        by_unknown = np.hstack((whiten @ jacobian(problem, pose, scale), -by_error))
-        inverse = np.linalg.inv(by_unknown.T @ by_unknown)
-        change = -inverse @ (by_unknown.T @ off)
-        while np.abs(change).max() >= CONVERGED_STEP:
-            step = np.zeros(7)
-            step[where] = change[: len(where)]
-            there = (*moved(pose, scale, step), errors + change[len(where) :].reshape(-1, 3))
-            if lengths(left_over(*there)) < lengths(off):
-                break
-            change *= 0.5  # points that contradict the touches: the whole step may lead astray
-        else:
-            break
-        pose, scale, errors = there
+    def residuals(x: Array) -> Array:
+        return whiten @ misfit(problem, *at(x)).ravel() - by_error @ x[len(where) :]
+
+    def derivative(x: Array) -> Array:
+        """With respect to a further step, which a small rotation from the start hardly differs from."""
+        return np.hstack((whiten @ jacobian(problem, *at(x)), -by_error))
+
+    first = np.zeros(len(where) + 3 * len(left_out))
+    found = least_squares(residuals, first, derivative, method="lm", xtol=1e-12, ftol=1e-12)
+    pose, scale = at(found.x)
+    by_unknown = np.asarray(found.jac)
+    inverse = np.linalg.inv(by_unknown.T @ by_unknown)
     cov = np.zeros((7, 7))
     cov[np.ix_(where, where)] = inverse[: len(where), : len(where)]
     to_base = -scale * quat_to_matrix(pose.wxyz)
@@ -222,9 +214,9 @@ def register(problem: RegistrationProblem, left_out: Sequence[int] = ()) -> Regi
         pose,
         scale,
         cov,
-        chi2=float(off @ off),
+        chi2=2.0 * float(found.cost),
         freedom=problem.freedom(len(used)),
-        left_out=errors @ to_base.T,
+        left_out=found.x[len(where) :].reshape(-1, 3) @ to_base.T,
         cov_left_out=to_base @ np.reshape(cov_errors, (-1, 3, 3)) @ to_base.T,
     )
 
