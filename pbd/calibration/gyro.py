@@ -5,28 +5,17 @@ import numpy as np
 from pbd.calibration.rests import Rests
 from pbd.data import LinearErrors, Recording
 from pbd.errors import CalibrationError, in_degrees
-from pbd.pose import Array, quat_cumulative, quat_exp, quat_to_matrix, skew
+from pbd.pose import Array, quat_cumulative, quat_exp, quat_inverse, quat_rotate
 
 PRIOR_SIGMA = 0.02
 """Prior sigma of the gyro's scale errors (a share) and of its axes' misalignment with the accelerometer's (rad)."""
 
-VERTICAL_SIGMA = np.radians(0.1)
-"""Smallest sigma, rad, of the vertical's direction after a move, of gyro and accelerometer together."""
-
 LEAST_TURN = np.radians(20.0)
 """Smallest rotation, rad, of a move that is used: the axis of a smaller one is not meaningful."""
 
-MAX_EVALUATIONS = 60
-"""Largest number of evaluations of the fit. A sound gyro needs four or five."""
-
 LARGEST_MISFIT = np.radians(10.0)
-"""Largest disagreement, rad rms, of gyro and gravity after the fit. A larger one shows a wrong unit or wrong axes."""
-
-LARGEST_ERROR_SIGMAS = 10.0
-"""Largest estimated error, in prior sigmas. A larger one shows a wrong unit or wrong axes."""
-
-BIAS_SIGMA = np.radians(0.003)
-"""Smallest sigma of the bias, rad/s, because it wanders in a rest too."""
+"""Largest disagreement, rad rms, of gyro and gravity after the fit. A larger one shows a wrong unit or wrong axes, and
+so does an error of more than ten prior sigmas."""
 
 
 def fit_gyro(recording: Recording, rests: Rests, up_sensor: Array | None = None, up_sigma: float = 0.0) -> LinearErrors:
@@ -52,10 +41,12 @@ def fit_gyro(recording: Recording, rests: Rests, up_sensor: Array | None = None,
         raise CalibrationError("the recording has no gyro; record one, or leave it out with --only acc")
     bias = np.average(rests.gyr, axis=0, weights=rests.seconds)
     noise = rests.gyr_noise / np.sqrt(rests.samples.sum())
-    sigma = np.sqrt(noise**2 + BIAS_SIGMA**2 + rests.gyr.var(axis=0))  # it wanders from rest to rest
+    in_rest = np.radians(0.003)  # rad/s; the bias wanders in a rest, and from rest to rest
+    sigma = np.sqrt(noise**2 + in_rest**2 + rests.gyr.var(axis=0))
     matrix, matrix_sigma = np.eye(3), np.nan
     if up_sensor is not None and len(rests) > 1:
-        matrix, matrix_sigma = _matrix(recording, rests, up_sensor, float(np.hypot(VERTICAL_SIGMA, up_sigma)), bias)
+        after_move = float(np.hypot(np.radians(0.1), up_sigma))  # gyro and accelerometer are no better together
+        matrix, matrix_sigma = _matrix(recording, rests, up_sensor, after_move, bias)
     return LinearErrors(bias, matrix, sigma, matrix_sigma)
 
 
@@ -77,27 +68,15 @@ def _matrix(recording: Recording, rests: Rests, up_sensor: Array, sigma: float, 
     if not moves:
         return np.eye(3), np.nan
 
-    def linearised(x: Array) -> tuple[Array, Array]:
-        """Return the residuals and their Jacobian, with the attitude at the middle of each sample."""
-        matrix = np.eye(3) + PRIOR_SIGMA * x.reshape(3, 3)
-        off, changes = [], []
-        for k, turns in moves:
-            R = np.vstack((np.eye(3)[None], quat_to_matrix(quat_cumulative(quat_exp(turns @ matrix.T)))))
-            up = up_sensor[k] @ R[-1]
-            off.append(up - up_sensor[k + 1])
-            changes.append(skew(up) @ R[-1].T @ np.einsum("nij,nk->ijk", 0.5 * (R[:-1] + R[1:]), turns).reshape(3, 9))
-        scaled = np.vstack((PRIOR_SIGMA / sigma * np.vstack(changes), np.eye(9)))
-        return np.concatenate((np.ravel(off) / sigma, x)), scaled
-
     def residuals(x: Array) -> Array:
-        return linearised(x)[0]
+        matrix = np.eye(3) + PRIOR_SIGMA * x.reshape(3, 3)
+        ends = ((k, quat_cumulative(quat_exp(turns @ matrix.T))[-1]) for k, turns in moves)
+        off = [quat_rotate(quat_inverse(wxyz), up_sensor[k]) - up_sensor[k + 1] for k, wxyz in ends]
+        return np.concatenate((np.ravel(off) / sigma, x))
 
-    def jacobian(x: Array) -> Array:
-        return linearised(x)[1]
-
-    result = least_squares(residuals, np.zeros(9), jacobian, method="lm", max_nfev=MAX_EVALUATIONS)
+    result = least_squares(residuals, np.zeros(9), max_nfev=60)  # a sound gyro needs four or five
     off = float(np.sqrt(np.mean((sigma * result.fun[:-9]) ** 2) * 3.0))
-    if off > LARGEST_MISFIT or np.abs(result.x).max() > LARGEST_ERROR_SIGMAS:
+    if off > LARGEST_MISFIT or np.abs(result.x).max() > 10.0:  # prior sigmas
         raise CalibrationError(
             f"between the rests the gyro does not turn as gravity does (by {in_degrees(off)}, rms); is its "
             "unit rad/s, and are its axes the accelerometer's? import the recording with --unit gyr=deg/s, or name its "
