@@ -7,17 +7,13 @@ from typing import NamedTuple
 import numpy as np
 
 from pbd.calibration.tool_poses import KeyframesInBase, tool_poses
-from pbd.calibration.uncertainty import joint_tool_covariances, keyframes_covariance, tool_covariances
+from pbd.calibration.uncertainty import joint_tool_covariances, of_each, tool_covariances
 from pbd.data import HandPath, Keyframe, TouchUp
 from pbd.errors import warn
 from pbd.pose import Array, Pose, quat_rotate
 
 TOUCH_SIGMA_M = 0.0005
 """Sigma of a touch-up along each axis, m: an eye's accuracy with a ruler."""
-
-STALE_M = 0.002
-"""Largest change, m, of the place that was touched up without a warning: rounding and slightly different calibrations
-change it too."""
 
 
 class TouchedUp(NamedTuple):
@@ -104,23 +100,19 @@ def _position_rows(keyframes: Sequence[int]) -> list[int]:
 def touched_up(placed: KeyframesInBase, touch_ups: Sequence[TouchUp] | None = None) -> TouchedUp:
     """Return the tool at keyframes after touch-ups: these, or by default the demonstration's own."""
     touch_ups = _touch_ups_of(placed.path) if touch_ups is None else touch_ups
-    cov = np.sum([*_joint_covariances(placed).values()], axis=0)
+    cov = np.sum([*joint_tool_covariances(placed).values()], axis=0)
     return condition_on_touch_ups(touch_ups, placed.keyframes, placed.T_base_nav, cov)
-
-
-def _joint_covariances(placed: KeyframesInBase) -> dict[str, Array]:
-    return joint_tool_covariances(keyframes_covariance(placed.path, placed.keyframes), placed)
 
 
 def touched_covariances(placed: KeyframesInBase) -> dict[str, Array]:
     """Return what `tool_covariances` does, after the demonstration's touch-ups, whose own errors are one more part."""
     if not _touch_ups_of(placed.path):
         return tool_covariances(placed)
-    touched, k = touched_up(placed), len(placed.keyframes)
-    joint = {part: touched.kept @ cov @ touched.kept.T for part, cov in _joint_covariances(placed).items()}
+    touched = touched_up(placed)
+    joint = {part: touched.kept @ cov @ touched.kept.T for part, cov in joint_tool_covariances(placed).items()}
     if touched.noise.any():
         joint["touch-ups"] = touched.noise
-    return {part: cov.reshape(k, 6, k, 6)[range(k), :, range(k)] for part, cov in joint.items()}
+    return {part: of_each(cov) for part, cov in joint.items()}
 
 
 def _touch_ups_of(path: HandPath | None) -> tuple[TouchUp, ...]:
@@ -149,7 +141,7 @@ def _warn_of_stale(touch_ups: Sequence[TouchUp], placed: KeyframesInBase) -> Non
         if (at := each.index_in(placed.keyframes)) is not None:
             p = each.from_base_m
             last[at] = 0.0 if p is None else float(np.linalg.norm(places[at] - p))
-    stale = {at: away for at, away in last.items() if away > STALE_M}
+    stale = {at: away for at, away in last.items() if away > 0.002}  # m; rounding and like calibrations change it too
     if stale:
         worst = max(stale, key=lambda at: stale[at])
         warn(

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from pbd.calibration.tool_poses import KeyframesInBase, tool_poses
-from pbd.data import Calibration, HandPath, Keyframe
+from pbd.data import HandPath, Keyframe
 from pbd.data.calibration import TOOL_DOWN
 from pbd.pose import Array, quat_inverse, quat_multiply, quat_rotate, quat_to_matrix, skew
 
@@ -42,47 +42,34 @@ def tool_covariances(placed: KeyframesInBase) -> dict[str, Array]:
     sensor in nav, l the tool in sensor axes: the uncertainty of each of them, propagated to first order. With a fixed
     orientation R_k is that of keyframe 0. A mount that was never calibrated counts as exact.
     """
-    J, calibration = _jacobians(placed), placed.calibration
-    cov = {
-        "start": calibration.cov_start,
-        "mount": _mount_covariance(calibration),
-        "tracking": _covariances_with_first(placed),
-    }
-    return {part: np.asarray(J[part] @ cov[part] @ J[part].transpose(0, 2, 1)) for part in SOURCES}
+    return {part: of_each(cov) for part, cov in joint_tool_covariances(placed).items()}
 
 
-def _covariances_with_first(placed: KeyframesInBase) -> Array:
-    """Return the covariance (k, 12, 12) of the first keyframe's pose in nav and of each keyframe's."""
-    keyframes, k = placed.keyframes, len(placed.keyframes)
-    if placed.orientation == "demo":  # the first one doesn't matter
-        return np.array([np.kron(np.diag((0.0, 1.0)), each.cov) for each in keyframes])
-    joint = keyframes_covariance(placed.path, keyframes).reshape(k, 6, k, 6)
-    return np.array([joint[np.ix_((0, i), range(6), (0, i), range(6))].reshape(12, 12) for i in range(k)])
+def of_each(joint: Array) -> Array:
+    """Return the covariance (k, 6, 6) of each pose, from the joint one (6k, 6k)."""
+    k = len(joint) // 6
+    return joint.reshape(k, 6, k, 6)[range(k), :, range(k)]
 
 
-def joint_tool_covariances(cov_nav_sensor: Array, placed: KeyframesInBase) -> dict[str, Array]:
+def joint_tool_covariances(placed: KeyframesInBase, cov_nav_sensor: Array | None = None) -> dict[str, Array]:
     """Return the joint covariance (6k, 6k) of all tool poses, for each of SOURCES.
 
     Errors of dock and mount are the same at all keyframes.
 
     Args:
-        cov_nav_sensor: (6k, 6k), covariance of the keyframes in nav.
         placed: k keyframes in base.
+        cov_nav_sensor: (6k, 6k), covariance of the keyframes in nav; None: `keyframes_covariance`.
     """
     J, calibration = _jacobians(placed), placed.calibration
     start, mount = J["start"].reshape(-1, 6), J["mount"].reshape(-1, 6)
-    tracked = cov_nav_sensor
+    cov_mount = np.zeros((6, 6)) if calibration.cov_sensor_tool is None else calibration.cov_sensor_tool
+    tracked = keyframes_covariance(placed.path, placed.keyframes) if cov_nav_sensor is None else cov_nav_sensor
     for _ in range(2):  # rows, then columns
         poses = tracked.T.reshape(len(placed.keyframes), 6, -1)
         with_first = np.concatenate((np.broadcast_to(poses[:1], poses.shape), poses), axis=1)
         tracked = (J["tracking"] @ with_first).reshape(tracked.shape)
-    of_mount = mount @ _mount_covariance(calibration) @ mount.T
-    return {"start": start @ calibration.cov_start @ start.T, "mount": of_mount, "tracking": tracked}
-
-
-def _mount_covariance(calibration: Calibration) -> Array:
-    cov = calibration.cov_sensor_tool
-    return np.zeros((6, 6)) if cov is None else cov
+    of_start, of_mount = start @ calibration.cov_start @ start.T, mount @ cov_mount @ mount.T
+    return {"start": of_start, "mount": of_mount, "tracking": tracked}
 
 
 def _jacobians(placed: KeyframesInBase) -> dict[str, Array]:

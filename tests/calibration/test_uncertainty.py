@@ -57,7 +57,7 @@ def test_each_part_agrees_with_finite_differences(part: str, orientation: str) -
     J, here = np.column_stack(columns), placed(np.zeros(12))
     tracked = cov if part == "tracking" else np.zeros((12, 12))
     atol = 1e-9 * np.trace(cov)
-    assert_allclose(sum(joint_tool_covariances(tracked, here).values()), J @ cov @ J.T, rtol=0.0, atol=atol)
+    assert_allclose(sum(joint_tool_covariances(here, tracked).values()), J @ cov @ J.T, rtol=0.0, atol=atol)
     if part == "tracking":
         cov = block_diag(*own)  # without a path the keyframes' errors are independent
     for name, found in tool_covariances(here).items():
