@@ -10,26 +10,15 @@ from pbd.data.recording import resolution_of
 from pbd.errors import CalibrationError
 from pbd.pose import Array
 
-STILL_WINDOW_S, SHORTEST_REST_S, REST_EDGE_S = 0.5, 1.0, 0.2
-"""Durations, s: the windows in which stillness is measured, the shortest rest, the margin cut off at each end of it."""
+SHORTEST_REST_S = 1.0
+"""Duration of the shortest rest, s."""
 
-STILL_RATIO = 9.0
-"""Largest variance of a still window, relative to that of the quietest window or of rounding, the larger. If readings
-are coarse, one window may show a single value while the next alternates between two."""
-
-REST_ACC, REST_GYR = 0.1, np.radians(1.0)
-"""A sensor that shakes more than this, m/s2 and rad/s rms over a window, all axes together, is not still. On a table it
-shakes less."""
-
-SURELY_STILL_ACC, SURELY_STILL_GYR = 0.02, np.radians(0.1)
-"""A sensor that shakes less than this, m/s2 and rad/s rms over a window, all axes together, is always still."""
-
-RATE_DEVIATION = np.radians(0.3)
-"""Largest deviation, rad/s, of a window's mean rate from the median over still windows, beyond noise. A sensor that
-turns at constant rate exceeds it; a wandering bias does not."""
-
-SAME_ORIENTATION_DEG = 15.0
-"""Angle, degrees, between the verticals of two rests, below which they count as one orientation."""
+SHAKES = {
+    "accelerometer": (0.1, 0.02, 1.0, "m/s2"),
+    "gyro": (np.radians(1.0), np.radians(0.1), np.pi / 180.0, "degrees/s"),
+}
+"""Sensor -> how much it shakes, m/s2 or rad/s rms over a window, all axes together: more than the first, and it is not
+still, as on a table it shakes less; less than the second, and it always is. Then the unit for messages."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +32,7 @@ class Rests:
         gyr: (k, 3) rad/s, or None.
         mag: (k, 3) uT, or None.
         acc_noise, gyr_noise, mag_noise: rms per sample and axis, in the same units; 0 without that sensor.
-        turning: number of further rests that are left out, by RATE_DEVIATION.
+        turning: number of further rests that are left out, because the sensor turned slowly.
     """
 
     start: NDArray[np.intp]
@@ -86,23 +75,22 @@ def find_rests(recording: Recording) -> Rests:
     from scipy.ndimage import find_objects, label
 
     rate = recording.rate_hz
-    length = max(4, round(STILL_WINDOW_S * rate))
+    length = max(4, round(0.5 * rate))  # of a window, half a second
     if len(recording) < length:
         raise CalibrationError(
             f"the recording lasts only {recording.t[-1]:.1f} s; put the sensor down for two seconds in each orientation"
         )
     acc_var, _ = _moving(recording.acc, length)
-    still = quiet = _still(recording, "accelerometer", recording.acc, acc_var, REST_ACC, SURELY_STILL_ACC, "m/s2", 1.0)
+    still = quiet = _still("accelerometer", recording.t, recording.acc, acc_var)
     if recording.gyr is not None:
         gyr_var, gyr_mean = _moving(recording.gyr, length)
-        quiet &= _still(
-            recording, "gyro", recording.gyr, gyr_var, REST_GYR, SURELY_STILL_GYR, "degrees/s", 180.0 / np.pi
-        )
+        quiet &= _still("gyro", recording.t, recording.gyr, gyr_var)
         if quiet.any():
-            tolerance = np.hypot(RATE_DEVIATION, 4.0 * np.sqrt(np.median(gyr_var[quiet]) / length))
+            # A sensor that turns at constant rate deviates by more than 0.3 degrees/s; a wandering bias does not.
+            tolerance = np.hypot(np.radians(0.3), 4.0 * np.sqrt(np.median(gyr_var[quiet]) / length))
             off = np.linalg.norm(gyr_mean - np.median(gyr_mean[quiet], axis=0), axis=1)
             still = quiet & (off < tolerance)
-    edge = round(REST_EDGE_S * rate)
+    edge = round(0.2 * rate)  # 0.2 s at each end of a rest
 
     def spans_of(windows: NDArray[np.bool_]) -> list[tuple[int, int]]:
         spans = ((rows.start, rows.stop + length - 1) for (rows,) in find_objects(label(windows)[0]))
@@ -135,48 +123,33 @@ def rms(values: Array) -> float:
 
 
 def count_orientations(up_sensor: Array) -> int:
-    """Return the number of different orientations among unit verticals (k, 3)."""
+    """Return the number of orientations that differ by 15 degrees or more among unit verticals (k, 3)."""
     found: list[Array] = []
     for up in up_sensor:
-        if all(up @ other < np.cos(np.radians(SAME_ORIENTATION_DEG)) for other in found):
+        if all(up @ other < np.cos(np.radians(15.0)) for other in found):
             found.append(up)
     return len(found)
 
 
-def _still(
-    recording: Recording,
-    what: str,
-    values: Array,
-    variance: Array,
-    still: float,
-    floor: float,
-    unit: str,
-    factor: float,
-) -> NDArray[np.bool_]:
-    """Say in which windows a sensor is still.
-
-    Args:
-        recording: for the time in the message.
-        what: name of the sensor.
-        values: its readings (n, 3).
-        variance: their variance in each window, summed over the axes.
-        still, floor: upper and lower bound of the threshold on the root of the variance, in SI units.
-        unit, factor: unit in the message, and how many of it are one SI unit.
+def _still(what: str, t: Array, values: Array, variance: Array) -> NDArray[np.bool_]:
+    """Say in which windows a sensor of SHAKES is still, with readings (n, 3) and their variance, summed over the axes.
 
     Raises:
         CalibrationError: it was never still.
     """
+    still, floor, unit_si, unit = SHAKES[what]
     quietest = float(variance.min())
     if quietest > still**2:
         raise CalibrationError(
-            f"the sensor was never still: at its quietest (t = {recording.t[int(np.argmin(variance))]:.1f} s) the "
-            f"{what} shakes by {factor * np.sqrt(quietest):.2f} {unit}; put it down for two seconds in each "
+            f"the sensor was never still: at its quietest (t = {t[int(np.argmin(variance))]:.1f} s) the "
+            f"{what} shakes by {np.sqrt(quietest) / unit_si:.2f} {unit}; put it down for two seconds in each "
             "orientation",
             value=float(np.sqrt(quietest)),
             bound=still,
         )
     rounding = 3.0 * resolution_of(values) ** 2 / 12.0
-    return np.asarray(variance <= np.clip(STILL_RATIO * max(quietest, rounding), floor**2, still**2))
+    # Three times as much, because one window of coarse readings may show one value while the next alternates.
+    return np.asarray(variance <= np.clip(3.0**2 * max(quietest, rounding), floor**2, still**2))
 
 
 def _moving(values: Array, length: int) -> tuple[Array, Array]:
