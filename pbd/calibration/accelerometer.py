@@ -7,23 +7,9 @@ from numpy.typing import NDArray
 
 from pbd.calibration.rests import Rests, count_orientations, rms
 from pbd.data import GRAVITY, LinearErrors
+from pbd.data.units import MG
 from pbd.errors import CalibrationError
 from pbd.pose import Array
-
-PRIOR_BIAS, PRIOR_SCALE, PRIOR_MISALIGNMENT = 0.05 * GRAVITY, 0.02, np.radians(1.0)
-"""Prior sigma of bias (m/s2), scale (a share) and misalignment (rad) of a low-cost part."""
-
-LEAST_MEAN_SIGMA = 0.0005 * GRAVITY
-"""Smallest sigma, m/s2, of the mean over a rest, because the table yields and the bias wanders."""
-
-DETERMINED_RATIO = 0.3
-"""Ratio of an error's sigma to its prior sigma, below which the data determine the error."""
-
-ALONE_SHARE = 0.8
-"""A rest is suspected if an error of this rest alone would explain a larger share of the sum of squares."""
-
-UNKNOWN_UP_SIGMA = np.radians(1.0)
-"""Sigma of the vertical's direction, rad, by an accelerometer whose errors have no sigma."""
 
 FEWEST_ORIENTATIONS = 4
 """Smallest number of orientations. With fewer, bias, scale and misalignment can't be separated."""
@@ -40,11 +26,13 @@ class AccelerometerFit:
     Attributes:
         linear: bias and matrix. The matrix is symmetric, because a common rotation of all axes does not change a norm.
         sigma: (9,) one sigma of each error in NAMES.
-        determined: the errors of NAMES that the orientations determine. The others stay near the prior.
+        determined: the errors of NAMES that the orientations determine, to 0.3 of the prior sigma. The others stay near
+            the prior.
         orientations: number of different orientations.
         rms_before, rms_after: m/s2, rms over the rests of norm minus gravity, without and with the correction.
         misfit: m/s2, rms of the residuals per degree of freedom: nine unknowns hide much of what twelve rests show.
-        suspects: indices of the rests of which each alone may have made the misfit. Opposite sides make the same one.
+        suspects: indices of the rests of which each alone explains 0.8 of the sum of squares. Opposite sides make the
+            same misfit.
     """
 
     linear: LinearErrors
@@ -94,8 +82,8 @@ def fit_accelerometer(rests: Rests, gravity: float = GRAVITY) -> AccelerometerFi
         )
     from scipy.optimize import least_squares
 
-    noise = np.hypot(rests.acc_noise / np.sqrt(rests.samples), LEAST_MEAN_SIGMA)
-    prior = np.repeat((PRIOR_BIAS, PRIOR_SCALE, PRIOR_MISALIGNMENT), 3)
+    noise = np.hypot(rests.acc_noise / np.sqrt(rests.samples), 0.5 * MG)  # the table yields, and the bias wanders
+    prior = np.repeat((50.0 * MG, 0.02, np.radians(1.0)), 3)  # sigma of bias, scale, misalignment of a low-cost part
 
     def residuals(x: Array) -> Array:
         bias, matrix = _unpack(x * prior)
@@ -114,19 +102,19 @@ def fit_accelerometer(rests: Rests, gravity: float = GRAVITY) -> AccelerometerFi
     return AccelerometerFit(
         linear=LinearErrors(bias, matrix, sigma[:3], float(sigma[3:].max())),
         sigma=sigma,
-        determined=tuple(name for name, ratio in zip(NAMES, relative, strict=True) if ratio < DETERMINED_RATIO),
+        determined=tuple(name for name, ratio in zip(NAMES, relative, strict=True) if ratio < 0.3),
         orientations=different,
         rms_before=rms(np.linalg.norm(rests.acc, axis=1) - gravity),
         rms_after=rms(np.linalg.norm((rests.acc - bias) @ matrix.T, axis=1) - gravity),
         misfit=float(np.sqrt(chi2) * rms(noise)),
-        suspects=np.flatnonzero(squares > ALONE_SHARE * free * squares.sum()),
+        suspects=np.flatnonzero(squares > 0.8 * free * squares.sum()),
     )
 
 
 def up_sigma(acc: LinearErrors | None) -> float:
-    """One sigma of the vertical's direction, rad, in the worst attitude, by an accelerometer with these errors."""
+    """One sigma of the vertical's direction, rad, in the worst attitude, by these errors; 1 degree if without sigma."""
     found = np.nan if acc is None else float(np.hypot(acc.bias_sigma.max() / GRAVITY, acc.matrix_sigma))
-    return UNKNOWN_UP_SIGMA if np.isnan(found) else found
+    return float(np.radians(1.0)) if np.isnan(found) else found
 
 
 def _unpack(x: Array) -> tuple[Array, Array]:

@@ -12,26 +12,11 @@ from pbd.data.one_line_repr import counted
 from pbd.errors import CalibrationError, in_degrees, listed, warn
 from pbd.pose import Array, Pose, lengths
 
-STOP_SIGMA_M = 0.005
-"""Smallest sigma of a stop, m, so that a hypothesis from two stops is not too strict."""
-
 OUTLIER_COST = 16.0
 """Largest cost of one stop (four sigmas, squared), so that one wrong point does not outweigh the others."""
 
-HEADING_BASE_M = 0.03
-"""Smallest distance, m, horizontal unless the tilt is free, between two points that give a heading."""
-
 AMBIGUOUS_COST = 12.0
 """Difference in cost below which two matches count as equally likely. A correct point costs about 3."""
-
-SAME_M, SAME_RAD = 0.05, np.radians(10.0)
-"""Distance and angle of the poses of two matches, m and rad, below which they count as the same."""
-
-HYPOTHESIS_POINTS = 6
-"""Number of points, evenly spaced in their order, of which hypotheses are made. Two right ones among them suffice."""
-
-REFINED_MATCHES = 20
-"""Number of the best matches that are aligned again on all their stops."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +57,7 @@ def match_points(p_nav_tip: Array, sigma: Array, points: Array, in_order: bool, 
             value=n,
             bound=m,
         )
-    sigma = np.hypot(sigma, STOP_SIGMA_M)
+    sigma = np.hypot(sigma, 0.005)  # m; with less, a hypothesis from two stops is too strict
     best, bound = _best_matches(p_nav_tip, sigma, points, in_order, free), OUTLIER_COST * max(1.0, m - 2.0)
     cost = best[0].cost if best else np.inf
     exchanged = list[int]()  # two points
@@ -125,10 +110,10 @@ def _moved(match: _Match) -> list[int]:
 
 
 def _rival(match: _Match, others: list[_Match]) -> _Match | None:
-    """Return another match that fits about as well as this one, or better, but puts nav elsewhere."""
+    """Return another match that fits about as well as this one, or better, but puts nav 5 cm or 10 degrees away."""
     for other in others:
         metres, rad = other.T_base_nav.distance(match.T_base_nav)
-        if other.cost - match.cost < AMBIGUOUS_COST and (metres > SAME_M or rad > SAME_RAD):
+        if other.cost - match.cost < AMBIGUOUS_COST and (metres > 0.05 or rad > np.radians(10.0)):
             return other
     return None
 
@@ -153,20 +138,20 @@ def _warn_of_other_orders(p: Array, sigma: Array, points: Array) -> None:
 
 
 def _best_matches(p: Array, sigma: Array, points: Array, in_order: bool, free: bool) -> list[_Match]:
-    """Return the refined best matches of different stops, by cost."""
+    """Return the 20 best matches of different stops, aligned again on all of their stops, by cost."""
     given = p, sigma, points, in_order
     matches = sorted((_assign(pose, *given) for pose in _hypotheses(*given, free)), key=lambda match: -match.cost)
     unique = sorted({match.stops: match for match in matches}.values(), key=lambda match: match.cost)
-    return sorted((_refined(match, *given, free) for match in unique[:REFINED_MATCHES]), key=lambda match: match.cost)
+    return sorted((_refined(match, *given, free) for match in unique[:20]), key=lambda match: match.cost)
 
 
 def _hypotheses(p: Array, sigma: Array, points: Array, in_order: bool, free: bool) -> Iterator[Pose]:
     """Yield T_base_nav for each two stops and two points with the same horizontal distance and height difference.
 
-    If the tilt is `free`, they are three stops and three points with the same distances. The points are among
-    HYPOTHESIS_POINTS.
+    If the tilt is `free`, they are three stops and three points with the same distances. The points are among six,
+    evenly spaced in their order: two right ones suffice. Points within 3 cm of each other give no heading.
     """
-    among = np.unique(np.linspace(0, len(points) - 1, HYPOTHESIS_POINTS).round().astype(int))
+    among = np.unique(np.linspace(0, len(points) - 1, 6).round().astype(int))
     chosen = np.array(list((combinations if in_order else permutations)(among, 2 + free)))
 
     def sides(corners: Array) -> tuple[Array, Array]:
@@ -178,7 +163,7 @@ def _hypotheses(p: Array, sigma: Array, points: Array, in_order: bool, free: boo
         i = list(stops)
         (moved, raised), tolerance = sides(p[i]), 3.0 * np.hypot(sigma[i], np.roll(sigma[i], 1))
         close = np.maximum(np.abs(apart - moved), np.abs(heights - raised)) < tolerance
-        for places in chosen[(close & (apart > HEADING_BASE_M)).all(axis=1)]:
+        for places in chosen[(close & (apart > 0.03)).all(axis=1)]:
             yield align(p[i], points[places], free)
 
 

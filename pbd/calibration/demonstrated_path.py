@@ -23,15 +23,6 @@ if TYPE_CHECKING:
 SMOOTH_M, SMOOTH_RAD = 0.005, np.radians(2.0)
 """Largest deviation, m and rad, of the smoothed path from the tracked one."""
 
-SPACING_M, SPACING_RAD = 0.005, np.radians(2.0)
-"""Largest distance, m and rad, between two poses of the path."""
-
-FEWEST_POSES, FEWEST_SMOOTHED = 8, 5
-"""Fewest poses of a path; fewest samples that are smoothed."""
-
-SMOOTHING_STRENGTHS, END_WEIGHT = np.logspace(-12, 1, 27), 1e6
-"""Smoothing strengths that are tried; weight of both ends, so large that the spline passes through them."""
-
 
 @dataclass(frozen=True, eq=False)
 class DemonstratedMove:
@@ -94,7 +85,10 @@ def _samples_of_move(path: HandPath, before: Keyframe, after: Keyframe) -> tuple
 def _smoothed_poses(
     t: Array, p: Array, wxyz: Array, start: Pose, end: Pose, within_m: float, within_rad: float
 ) -> tuple[Array, Array, Array]:
-    """Smooth samples of the tool in base, lead them from `start` to `end`, and resample them as densely as required."""
+    """Smooth samples of the tool in base, lead them from `start` to `end`, and resample them.
+
+    They become eight poses or more, at most 5 mm and 2 degrees apart.
+    """
     from scipy.interpolate import make_interp_spline
 
     share = (t - t[0]) / (t[-1] - t[0])
@@ -103,10 +97,10 @@ def _smoothed_poses(
     wxyz = smoothing_spline(share, wxyz, 0.5 * within_rad)(share)  # a unit quaternion changes by half the angle
     wxyz /= np.linalg.norm(wxyz, axis=1, keepdims=True)
     p, wxyz = with_ends_at(share, p, wxyz, start, end)
-    shift = np.linalg.norm(np.diff(p, axis=0), axis=1) / SPACING_M
-    turn = np.linalg.norm(quat_log(quat_multiply(quat_inverse(wxyz[:-1]), wxyz[1:])), axis=1) / SPACING_RAD
+    shift = np.linalg.norm(np.diff(p, axis=0), axis=1) / 0.005
+    turn = np.linalg.norm(quat_log(quat_multiply(quat_inverse(wxyz[:-1]), wxyz[1:])), axis=1) / np.radians(2.0)
     steps = np.append(0.0, np.cumsum(np.maximum(shift, turn))) + 1e-6 * share
-    count = max(FEWEST_POSES, int(np.ceil(steps[-1])) + 1)
+    count = max(8, int(np.ceil(steps[-1])) + 1)
     at = np.interp(np.linspace(0.0, steps[-1], count), steps, share)
     order = min(3, len(share) - 1)
     p, wxyz = (make_interp_spline(share, values, k=order)(at) for values in (p, quat_continuous(wxyz)))
@@ -138,14 +132,14 @@ def smoothing_spline(x: Array, values: Array, within: float) -> BSpline:
     from scipy.interpolate import make_interp_spline, make_smoothing_spline
 
     exact: BSpline = make_interp_spline(x, values, k=min(3, len(x) - 1))
-    if len(x) < FEWEST_SMOOTHED or within <= 0.0:
+    if len(x) < 5 or within <= 0.0:
         return exact
-    weights = np.ones(len(x))
-    weights[[0, -1]] = END_WEIGHT
-    best, low, high = exact, 0, len(SMOOTHING_STRENGTHS)
+    weights, strengths = np.ones(len(x)), np.logspace(-12, 1, 27)
+    weights[[0, -1]] = 1e6  # so large that it passes through them
+    best, low, high = exact, 0, len(strengths)
     while low < high:
         middle = (low + high) // 2
-        spline = make_smoothing_spline(x, values, w=weights, lam=float(SMOOTHING_STRENGTHS[middle]))
+        spline = make_smoothing_spline(x, values, w=weights, lam=float(strengths[middle]))
         if np.linalg.norm(spline(x) - values, axis=1).max() <= within:
             best, low = spline, middle + 1
         else:

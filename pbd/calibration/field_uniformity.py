@@ -8,9 +8,8 @@ import numpy as np
 from pbd.data import HandPath
 from pbd.pose import Array, quat_rotate, yaw_toward
 
-DISTURBED_HEADING, DISTURBED_STRENGTH = np.radians(3.0), 0.10
-"""Largest variation, rms over the stops, of a field that serves as a compass: of its heading (rad) and of its strength
-(a share). If it varies more, a dock gives a better heading."""
+DISTURBED_HEADING = np.radians(3.0)
+"""Largest variation, rad rms over the stops, of a compass' heading. If it varies more, a dock gives a better one."""
 
 
 @dataclass(frozen=True)
@@ -29,8 +28,8 @@ class FieldSpread:
 
     @property
     def disturbed(self) -> bool:
-        """Whether its heading is unreliable."""
-        return self.heading > DISTURBED_HEADING or self.strength > DISTURBED_STRENGTH
+        """Whether its heading is unreliable: it, or a tenth of the field's strength, varies too much."""
+        return self.heading > DISTURBED_HEADING or self.strength > 0.10
 
 
 def field_spread(mag: Array, wxyz_nav_sensor: Array) -> FieldSpread:

@@ -11,9 +11,6 @@ from pbd.data.calibration import LEAST_DETERMINANT
 from pbd.errors import CalibrationError
 from pbd.pose import Array
 
-SAMPLES_USED = 1500
-"""Number of samples in the fit, spread evenly over the recording."""
-
 FIELD_SIGMA_UT = 0.1
 """Smallest sigma of the field, uT, because a room's field is uneven."""
 
@@ -24,12 +21,7 @@ LEAST_COVER = 0.04
 """Smallest mean square of the field's unit directions along any axis: 1/3 if they cover the sphere, 0 if they lie in a
 plane."""
 
-PRIOR_TURN = 0.05
-"""Prior sigma, rad, of the rotation between the magnetometer's axes and the accelerometer's."""
-
 TURN_IT = "turn the sensor slowly in all directions, each side up and down once, or leave it out with --only acc"
-
-KEEP_AWAY = "move away from iron and motors, check the axes and signs of mx, my, mz, and calibrate again"
 
 ROBUST_SIGMAS = 3.0
 """A misfit of more sigmas counts linearly (soft L1), because iron disturbs the field in places."""
@@ -88,11 +80,7 @@ def fit_ellipsoid(points: Array) -> tuple[Array, Array]:
 
 
 def _fit_well_turned(mag: Array, noise: float) -> tuple[Array, Array, float]:
-    """Fit an ellipsoid to readings (n, 3) uT of a sensor that must have been turned to all sides.
-
-    Args:
-        mag: the readings.
-        noise: uT, their sigma.
+    """Fit an ellipsoid to readings (n, 3) uT, with noise of sigma uT, of a sensor that was turned to all sides.
 
     Returns:
         centre (3,) uT, matrix (3, 3) of determinant 1, and the field's strength, uT.
@@ -159,7 +147,7 @@ def fit_magnetometer(mag: Array, rests: Rests, up_sensor: Array, up_sigma: float
 
     assert rests.mag is not None
     at_rest: Array = rests.mag
-    rows = np.linspace(0, len(mag) - 1, min(SAMPLES_USED, len(mag))).astype(np.intp)
+    rows = np.linspace(0, len(mag) - 1, min(1500, len(mag))).astype(np.intp)  # for speed
     used = mag[rows]
     noise = float(np.hypot(rests.mag_noise, FIELD_SIGMA_UT))
     centre, start, field = _fit_well_turned(used, noise)
@@ -177,15 +165,18 @@ def fit_magnetometer(mag: Array, rests: Rests, up_sensor: Array, up_sigma: float
     def residuals(x: Array) -> Array:
         bias, matrix, vertical = unpack(x)
         strength = np.linalg.norm((used - bias) @ matrix.T, axis=1) - field
-        # A prior on the rotation, because few orientations do not determine it.
+        # A prior on the rotation, of sigma 0.05 rad, because few orientations do not determine it.
         turn = (x[3:12].reshape(3, 3) - x[3:12].reshape(3, 3).T)[np.triu_indices(3, 1)]
         dip = vertical_part(bias, matrix) + vertical
-        return np.concatenate((strength / noise, dip / noise_at_rest, turn / (2.0 * PRIOR_TURN)))
+        return np.concatenate((strength / noise, dip / noise_at_rest, turn / (2.0 * 0.05)))
 
     result = least_squares(residuals, np.zeros(13), loss="soft_l1", f_scale=ROBUST_SIGMAS, x_scale="jac")
     bias, matrix, vertical = unpack(result.x)
     if np.linalg.det(matrix) < LEAST_DETERMINANT:  # as beside a magnet
-        raise CalibrationError(f"the field differs too much from rest to rest; {KEEP_AWAY}")
+        raise CalibrationError(
+            "the field differs too much from rest to rest; move away from iron and motors, check the axes and signs of "
+            "mx, my, mz, and calibrate again"
+        )
     jacobian, rest = np.asarray(result.jac), np.arange(len(at_rest))
     nearest = np.searchsorted(0.5 * (rests.stop[:-1] + rests.start[1:]), rows)  # in a move the field changes gradually
     # scipy scales the Jacobian's rows for the robust loss, but returns the residuals as they are

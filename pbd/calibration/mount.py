@@ -15,10 +15,6 @@ from pbd.data.one_line_repr import counted
 from pbd.errors import CalibrationError, UsageError, amount, in_degrees
 from pbd.pose import Array, quat_from_xyzw, quat_inverse, quat_log, quat_multiply, quat_rotate, quat_to_matrix
 
-SLIPPED_CHI2 = 10.0
-"""Chi-square per degree of freedom above which the tip has slipped: it moved about three times as far as the tracker's
-sigmas allow."""
-
 LARGEST_SIGMA_M = 0.01
 """Largest accepted sigma of the lever along any axis, m. Turning about one axis only exceeds it."""
 
@@ -114,7 +110,7 @@ def fit_pivot(keyframes: Sequence[Keyframe], covariance: PoseCovariance, scale: 
     if (sigma_m := float(np.sqrt(np.linalg.eigvalsh(cov)[-1]))) > LARGEST_SIGMA_M:
         raise _undetermined_lever(R, sigma_m)
     residuals = (design @ found).reshape(-1, 3) - touched.p_nav_sensor
-    if chi2 / freedom > SLIPPED_CHI2:
+    if chi2 / freedom > 10.0:  # it moved about three times as far as the tracker's sigmas allow
         off = np.linalg.norm(residuals, axis=1)
         raise CalibrationError(
             f"the tip did not stay on one point: at stop {int(off.argmax())} it seems to be "

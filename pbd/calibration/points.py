@@ -28,18 +28,11 @@ LEAST_SPREAD_M = 0.05
 """Smallest rms horizontal distance, m, of the points from their middle. If the tilt is estimated too, half of this is
 the smallest rms distance of the points from a line."""
 
-WRONG_CHANCE = 1e-4
-"""Probability of a point's misfit to all others, below which the point is wrong."""
-
 CLEARER_CHI2 = 9.0
 """Smallest gain in chi-square of leaving out the wrong point over leaving out any other."""
 
 POOR_CHI2 = 2.5
 """Chi-square per degree of freedom above which a fit is not trusted."""
-
-WRONG_CHI2 = 100.0
-"""Chi-square per degree of freedom above which the points contradict the demonstration: the misfit is ten times as
-large as the tracker's sigmas allow. Rough moves make it up to three times as large."""
 
 SIDEWAYS = "x or y, and whether x and y are exchanged"
 MIRRORED = {SIDEWAYS: (1.0, -1.0, 1.0), "z": (1.0, 1.0, -1.0)}
@@ -139,7 +132,8 @@ def _find_wrong_points(problem: RegistrationProblem) -> tuple[list[int], Registr
         worst = max(gained, key=lambda k: gained[k], default=None)
         if worst is not None and not _is_wrong(gained[worst], without[worst]):
             worst = None
-        if worst is None and fit.chi2 <= WRONG_CHI2 * fit.freedom:
+        # Rough moves make the misfit up to three times as large as the tracker's sigmas allow, a wrong point over ten.
+        if worst is None and fit.chi2 <= 10.0**2 * fit.freedom:
             if _fits_mirrored(SIDEWAYS, problem, fit, wrong):
                 warn(MAY_BE_MIRRORED.format(SIDEWAYS))
             return wrong, fit, without
@@ -169,11 +163,11 @@ def mirrored(check: str) -> CalibrationError:
 
 
 def _is_wrong(gained: float, others: RegistrationFit) -> bool:
-    """Say whether leaving out a point lowers chi-square by more than chance (F test, three coordinates)."""
+    """Say whether leaving out a point lowers chi-square as chance does once in 10,000 (F test, three coordinates)."""
     from scipy.special import fdtrc
 
     ratio = gained / 3.0 / variance_factor(others.chi2, others.freedom)
-    return bool(fdtrc(3.0, PRIOR_FREEDOM + others.freedom, ratio) < WRONG_CHANCE)
+    return bool(fdtrc(3.0, PRIOR_FREEDOM + others.freedom, ratio) < 1e-4)
 
 
 def _enough(problem: RegistrationProblem, left_out: Sequence[int]) -> bool:

@@ -26,14 +26,6 @@ WARNED_MISFIT = 1.5
 """Misfit of the accelerometer's rests above which there is a warning, in TRUSTED_ACC. With twelve rests (three degrees
 of freedom) a sensor as good as TRUSTED_ACC exceeds it once in twelve times."""
 
-UNEVEN_FIELD = 0.05
-"""Largest rms variation of the field's strength over a recording, as a share, with which the fit is trusted. Between
-rests, the field may change a heading by DISTURBED_HEADING at most."""
-
-OTHER_AXES = np.radians(45.0)
-"""Half-way between axes as named and axes exchanged, rad: a magnetometer turned further against its accelerometer has
-other names or signs of its axes."""
-
 
 @dataclass(frozen=True, eq=False)
 class SensorFit:
@@ -158,13 +150,13 @@ def _remarks_on_acc(recording: Recording, rests: Rests, acc: AccelerometerFit | 
 def _remarks_on_mag(mag: MagnetometerFit | None) -> Iterator[str]:
     if mag is None:
         return
-    if mag.uneven > UNEVEN_FIELD or mag.heading > DISTURBED_HEADING:
+    if mag.uneven > 0.05 or mag.heading > DISTURBED_HEADING:
         yield (
             f"the corrected magnetic field varies by {100.0 * mag.uneven:.0f} % in strength and by "
             f"{np.degrees(mag.dip_uneven):.1f} degrees in dip, so headings will be wrong: check the axes and "
             "signs of mx, my, mz, move away from iron and motors, and turn every side up; calibrate again"
         )
-    elif mag.axes_turn > OTHER_AXES:
+    elif mag.axes_turn > np.radians(45.0):  # half-way between axes as named and axes exchanged
         yield (
             f"the magnetometer's axes are turned by {in_degrees(mag.axes_turn)} against the accelerometer's: mx, "
             "my, mz have wrong names or signs; this is corrected, but north may be south; to mend it, name its "

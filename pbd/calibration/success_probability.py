@@ -11,13 +11,6 @@ from pbd.pose import Array, quat_to_matrix
 DRAWS = 20_000
 """Number of random draws. A probability of 90 % then has a sigma of 0.2 %, far below the accuracy of a covariance."""
 
-BANDS = ((0.5, "under 50 %"), (0.9, "50 to 90 %"), (np.inf, "over 90 %"))
-"""Upper bounds and words of the bands in which the probability is reported. A covariance allows no finer statement
-(tests/benchmarks/success.py)."""
-
-ANYWHERE_M = 1e3
-"""Tolerance, m, of a keyframe that may be anywhere."""
-
 
 class Success(NamedTuple):
     """Probability (k,) that the tool is within its tolerance at each keyframe, and that it is at all of them."""
@@ -27,8 +20,11 @@ class Success(NamedTuple):
 
     @property
     def band(self) -> str:
-        """The band of the probability for all keyframes, in words."""
-        return next(words for bound, words in BANDS if self.of_all < bound)
+        """The band of the probability for all keyframes, in words.
+
+        A covariance allows no finer statement (tests/benchmarks/success.py).
+        """
+        return "under 50 %" if self.of_all < 0.5 else "50 to 90 %" if self.of_all < 0.9 else "over 90 %"
 
 
 def success_of(placed: KeyframesInBase, within_m: float | None = None, within_rad: float = np.inf) -> Success:
@@ -42,7 +38,8 @@ def success_of(placed: KeyframesInBase, within_m: float | None = None, within_ra
     R, keyframes = quat_to_matrix(placed.T_base_nav.wxyz), placed.keyframes
     if within_m is None:
         scale = placed.scale * placed.calibration.scale
-        axes = [np.full(3, ANYWHERE_M) if each.tolerance_m is None else scale * each.tolerance_m for each in keyframes]
+        anywhere = np.full(3, 1e3)  # m
+        axes = [anywhere if each.tolerance_m is None else scale * each.tolerance_m for each in keyframes]
         turns = [np.inf if each.tolerance_rad is None else each.tolerance_rad for each in keyframes]
     else:
         axes, turns = [np.full(3, within_m)] * len(keyframes), [within_rad] * len(keyframes)

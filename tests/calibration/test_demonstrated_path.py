@@ -7,8 +7,6 @@ import pytest
 
 from pbd.calibration.demonstrated_path import (
     SMOOTH_M,
-    SPACING_M,
-    SPACING_RAD,
     demonstrated_moves,
     smoothing_spline,
     with_ends_at,
@@ -53,7 +51,7 @@ def test_the_path_follows_the_hand() -> None:
     np.testing.assert_allclose(np.linalg.norm(p - (0.0, 0.0, 0.2), axis=1), 0.2, atol=0.003 + 1e-9)
     np.testing.assert_allclose(t[[0, -1]], [1.0, 2.0], atol=1e-9)
     assert (np.diff(t) > 0.0).all()
-    assert np.linalg.norm(np.diff(p, axis=0), axis=1).max() < 1.05 * SPACING_M
+    assert np.linalg.norm(np.diff(p, axis=0), axis=1).max() < 1.05 * 0.005
     half = p[np.searchsorted(t, 1.5)]
     np.testing.assert_allclose(half, 0.2 * np.array([np.sin(np.pi / 4), 0.0, 1 - np.cos(np.pi / 4)]), atol=0.01)
 
@@ -76,7 +74,7 @@ def test_the_path_starts_and_ends_at_the_keyframes_even_if_they_were_moved() -> 
         ):
             np.testing.assert_allclose(pose.distance(wanted), 0.0, atol=1e-7)
     steps = np.linalg.norm(np.diff([pose.p for pose in move.T_base_tool], axis=0), axis=1)
-    assert steps.max() < 1.1 * SPACING_M  # no jump at the end
+    assert steps.max() < 1.1 * 0.005  # no jump at the end
 
 
 def test_a_shift_of_both_ends_alike_shifts_the_whole_path() -> None:
@@ -107,7 +105,7 @@ def test_the_path_is_smoothed_within_its_uncertainty(sigma_m: float) -> None:
 def test_turns_are_as_dense_as_shifts() -> None:
     _, _, wxyz = moves_of(arc(turns=3.0))
     turn = 2.0 * np.arccos(np.clip(np.abs(np.einsum("ij,ij->i", wxyz[1:], wxyz[:-1])), 0.0, 1.0))
-    assert turn.max() < 1.1 * SPACING_RAD
+    assert turn.max() < 1.1 * np.radians(2.0)
     assert turn.sum() == pytest.approx(1.5 * np.pi, rel=0.02)  # more than half a turn, in the right direction
 
 
