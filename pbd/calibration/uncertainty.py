@@ -51,19 +51,15 @@ def of_each(joint: Array) -> Array:
     return joint.reshape(k, 6, k, 6)[range(k), :, range(k)]
 
 
-def joint_tool_covariances(placed: KeyframesInBase, cov_nav_sensor: Array | None = None) -> dict[str, Array]:
+def joint_tool_covariances(placed: KeyframesInBase) -> dict[str, Array]:
     """Return the joint covariance (6k, 6k) of all tool poses, for each of SOURCES.
 
     Errors of dock and mount are the same at all keyframes.
-
-    Args:
-        placed: k keyframes in base.
-        cov_nav_sensor: (6k, 6k), covariance of the keyframes in nav; None: `keyframes_covariance`.
     """
     J, calibration = _jacobians(placed), placed.calibration
     start, mount = J["start"].reshape(-1, 6), J["mount"].reshape(-1, 6)
     cov_mount = np.zeros((6, 6)) if calibration.cov_sensor_tool is None else calibration.cov_sensor_tool
-    tracked = keyframes_covariance(placed.path, placed.keyframes) if cov_nav_sensor is None else cov_nav_sensor
+    tracked = keyframes_covariance(placed.path, placed.keyframes)
     for _ in range(2):  # rows, then columns
         poses = tracked.T.reshape(len(placed.keyframes), 6, -1)
         with_first = np.concatenate((np.broadcast_to(poses[:1], poses.shape), poses), axis=1)
