@@ -39,7 +39,7 @@ def fit_gyro(recording: Recording, rests: Rests, up_sensor: Array | None = None,
     """
     if recording.gyr is None or rests.gyr is None:
         raise CalibrationError("the recording has no gyro; record one, or leave it out with --only acc")
-    bias = np.average(rests.gyr, axis=0, weights=rests.seconds)
+    bias = np.average(rests.gyr, axis=0, weights=rests.samples)
     noise = rests.gyr_noise / np.sqrt(rests.samples.sum())
     in_rest = np.radians(0.003)  # rad/s; the bias wanders in a rest, and from rest to rest
     sigma = np.sqrt(noise**2 + in_rest**2 + rests.gyr.var(axis=0))

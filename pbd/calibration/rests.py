@@ -27,7 +27,6 @@ class Rests:
 
     Attributes:
         start, stop: (k,) half-open ranges of rows.
-        seconds: (k,) s, duration.
         acc: (k, 3) m/s2.
         gyr: (k, 3) rad/s, or None.
         mag: (k, 3) uT, or None.
@@ -37,7 +36,6 @@ class Rests:
 
     start: NDArray[np.intp]
     stop: NDArray[np.intp]
-    seconds: Array
     acc: Array
     gyr: Array | None
     mag: Array | None
@@ -114,7 +112,7 @@ def find_rests(recording: Recording) -> Rests:
 
     (acc, acc_noise), (gyr, gyr_noise), (mag, mag_noise) = map(means, (recording.acc, recording.gyr, recording.mag))
     assert acc is not None
-    return Rests(start, stop, (stop - start) / rate, acc, gyr, mag, acc_noise, gyr_noise, mag_noise, turning)
+    return Rests(start, stop, acc, gyr, mag, acc_noise, gyr_noise, mag_noise, turning)
 
 
 def rms(values: Array) -> float:

@@ -266,7 +266,6 @@ def test_a_gyro_in_another_unit_or_other_axes_is_refused(recording: Recording, r
         rests,
         start=rests.start[:4],
         stop=rests.stop[:4],
-        seconds=rests.seconds[:4],
         acc=rests.acc[:4],
         gyr=None if rests.gyr is None else rests.gyr[:4],
         mag=None,
@@ -547,7 +546,7 @@ def test_a_gyro_that_was_not_turned_between_rests_has_no_known_scale() -> None:
     each = slice(0, 100), slice(200, 400)
     means = np.array([recording.gyr[rows].mean(axis=0) for rows in each])  # type: ignore[index]
     start, stop = (np.array([getattr(rows, end) for rows in each]) for end in ("start", "stop"))
-    rests = Rests(start, stop, (stop - start) / 100.0, np.zeros((2, 3)), means, None, 0.01, 0.001, 0.0)
+    rests = Rests(start, stop, np.zeros((2, 3)), means, None, 0.01, 0.001, 0.0)
     linear = fit_gyro(recording, rests, np.tile((0.0, 0.0, 1.0), (2, 1)))
     assert_allclose(linear.bias, 0.02, atol=0.001)
     assert_allclose(linear.matrix, np.eye(3))
