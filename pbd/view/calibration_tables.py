@@ -17,12 +17,7 @@ from pbd.view.units import Units
 def points_table(
     names: Sequence[str], stops: Sequence[int], residuals: Array, left_out: Array, sigma: Array, used: Sequence[bool]
 ) -> Table:
-    """One row per point: its residual in base, its distance from a fit without it, and its sigma.
-
-    Args:
-        residuals, left_out, sigma: (n, 3) m; `left_out` is from a fit to the other points.
-        used: whether the point belongs to the fit.
-    """
+    """One row per point: its residual in base, its distance from a fit to the others, and its sigma, (n, 3) m each."""
     sizes = np.linalg.norm((residuals, left_out, sigma), axis=2).T
     mm = [[f"{1e3 * x:.1f}" for x in row] for row in np.hstack((residuals, sizes))]
     notes = ("" if good else "wrong, left out" for good in used)

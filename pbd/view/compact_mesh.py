@@ -14,12 +14,6 @@ from numpy.typing import ArrayLike, NDArray
 from pbd.io.meshes import TriangleSoup
 from pbd.pose import Array
 
-CREASE_RAD = np.radians(35.0)
-"""Largest angle, rad, between two faces that are shaded as one smooth surface."""
-
-MOSTLY_CLOSED = 0.95
-"""Smallest share of edges with a face on both sides in a closed mesh. CAD exports have gaps (panda's link6: 0.97)."""
-
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
@@ -105,7 +99,8 @@ def _is_closed(faces: NDArray[np.int64], corners: Array) -> bool:
     edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
     forward, backward = edges @ np.array([2**32, 1]), edges @ np.array([1, 2**32])
     volume = np.einsum("ij,ij->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2]))
-    return bool(volume > 0.0 and np.isin(forward, backward).mean() > MOSTLY_CLOSED)
+    # CAD exports have gaps: 0.97 in panda's link6.
+    return bool(volume > 0.0 and np.isin(forward, backward).mean() > 0.95)
 
 
 def _on_grid(points: Array) -> tuple[NDArray[np.int16], Array, float]:
@@ -117,7 +112,10 @@ def _on_grid(points: Array) -> tuple[NDArray[np.int16], Array, float]:
 
 
 def _split(faces: NDArray[np.int64], normals: Array, rgb: Array) -> NDArray[np.int64]:
-    """Label the corners (3 m,) of faces. Corners at one vertex share a label if only smooth edges lie between them."""
+    """Label the corners (3 m,) of faces. Corners at one vertex share a label if only smooth edges lie between them.
+
+    At a smooth edge, the faces' normals differ by less than 35 degrees.
+    """
     from scipy.sparse import coo_array  # loads slowly, and meshes are cached on disk
     from scipy.sparse.csgraph import connected_components
 
@@ -134,7 +132,7 @@ def _split(faces: NDArray[np.int64], normals: Array, rgb: Array) -> NDArray[np.i
     face_a, face_b = face[:-1], face[1:]
     smooth = (
         (edge[:-1] == edge[1:]).all(axis=1)
-        & (np.einsum("ij,ij->i", normals[face_a], normals[face_b]) > np.cos(CREASE_RAD))
+        & (np.einsum("ij,ij->i", normals[face_a], normals[face_b]) > np.cos(np.radians(35.0)))
         & (rgb[face_a] == rgb[face_b]).all(axis=1)
     )
     i, j = corner[:-1][smooth].ravel(), corner[1:][smooth].ravel()

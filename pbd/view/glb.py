@@ -18,12 +18,6 @@ from pbd.view.meshcat_encoding import PoseTrack, ScenePath, SetTracks, Visualize
 from pbd.view.replay_scene import ReplayScene
 from pbd.view.scene import build
 
-Z_UP = (-float(np.sqrt(0.5)), 0.0, 0.0, float(np.sqrt(0.5)))
-"""Quaternion xyzw of the rotation from z up to y up."""
-
-FEW_COLOURS = 8
-"""Up to this number, each colour of a part is a material. More are vertex colours, which fewer programs show."""
-
 VERTEX_BUFFER, INDEX_BUFFER = 34962, 34963
 FLOAT, UINT16, UINT32, UINT8 = 5126, 5123, 5125, 5121
 """Numbers of the glTF standard for buffer targets and component types."""
@@ -50,7 +44,8 @@ class _Window:
         self.accessors: list[dict[str, Any]] = []
         self.meshes: list[dict[str, Any]] = []
         self.materials: list[dict[str, Any]] = []
-        self.nodes: list[dict[str, Any]] = [{"name": title, "rotation": Z_UP}]
+        z_to_y = -float(np.sqrt(0.5)), 0.0, 0.0, float(np.sqrt(0.5))  # xyzw
+        self.nodes: list[dict[str, Any]] = [{"name": title, "rotation": z_to_y}]
         self.channels: list[dict[str, Any]] = []
         self.samplers: list[dict[str, Any]] = []
         self._paths: dict[tuple[str, ...], int] = {(): 0}
@@ -117,7 +112,7 @@ class _Window:
         position = self._accessor(mesh.vertices, FLOAT, VERTEX_BUFFER, bounds=True)
         attributes = {"POSITION": position, "NORMAL": self._accessor(_normals(mesh), FLOAT, VERTEX_BUFFER)}
         colours, colour_of = np.unique(mesh.rgb, axis=0, return_inverse=True)
-        few = len(colours) <= FEW_COLOURS
+        few = len(colours) <= 8  # each is a material then; more are vertex colours, which fewer programs show
         if not few:
             vertices = np.column_stack((linear_light(mesh.rgb), np.full(len(mesh.rgb), 255)))
             attributes["COLOR_0"] = self._accessor(vertices, UINT8, VERTEX_BUFFER)

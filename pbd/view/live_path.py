@@ -32,13 +32,7 @@ class LivePath:
         self._current = np.tile(self._p, (2, 1))
 
     def grow(self, t: float, p_nav_sensor: Array, v_nav_sensor: Array) -> None:
-        """Extend the path to a point, once it is SPACING_M away, by a cubic with the given velocities at its ends.
-
-        Args:
-            t: s.
-            p_nav_sensor: (3,) m.
-            v_nav_sensor: (3,) m/s.
-        """
+        """Extend the path to p (3,) m with v (3,) m/s at t s, once it is SPACING_M away, by a cubic."""
         step = p_nav_sensor - self._p
         chord = float(np.linalg.norm(step))
         if chord < SPACING_M:
@@ -46,7 +40,8 @@ class LivePath:
                 self._rows[0][0] = self._t = t
             return
         # A rest before the move makes the time too long for the chord, so tangents are limited to three chords.
-        before, after = (_shortened((t - self._t) * v, 3.0 * chord) for v in (self._v, v_nav_sensor))
+        tangents = ((t - self._t) * v for v in (self._v, v_nav_sensor))
+        before, after = (x * min(1.0, 3.0 * chord / max(float(np.linalg.norm(x)), 1e-12)) for x in tangents)
         first = len(self._rows)
         share = np.linspace(0.0, 1.0, min(int(np.ceil(chord / SPACING_M)), MAX_NEW_POINTS) + 1)[1:]
         s = share[:, None]
@@ -90,11 +85,6 @@ class LivePath:
         """Mark the piece with this row, and all pieces after it, as changed. Neighbours share a point."""
         for k in range(row // PIECE_POINTS, -(-(len(self._rows) - 1) // PIECE_POINTS)):
             self._changed[f"{self._move}/{k}"] = np.array(self._rows[k * PIECE_POINTS : (k + 1) * PIECE_POINTS + 1])
-
-
-def _shortened(vector: Array, limit: float) -> Array:
-    length = float(np.linalg.norm(vector))
-    return vector * (limit / length) if length > limit else vector
 
 
 def _corners(points: Array) -> Array:

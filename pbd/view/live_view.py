@@ -15,11 +15,6 @@ from pbd.view.server import LiveViewer, invite
 FAST_M_S = 0.6
 """Speed, m/s, from which the path has the colour of the fastest motion."""
 
-BOX_M, BOX_RGB = (0.040, 0.028, 0.012), (0.96, 0.62, 0.16)
-"""Size (m) and colour of the box that stands for the sensor."""
-NAV_M, NAV_RADIUS_M = 0.12, 0.0022
-"""Length and radius, m, of nav's axes."""
-
 PIECES_AT_ONCE = 2
 """Largest number of the path's pieces sent with one picture. The rest follows with the next."""
 
@@ -84,16 +79,13 @@ class LiveView:
         self._scene = self._viewer.visualizer
         self._triad = scene_object(shapes.triad(shapes.TRIAD_M, shapes.TRIAD_RADIUS_M))
         self._ball = scene_object(shapes.sphere(1.0, shapes.UNSURE_RGB), opacity=shapes.UNSURE_OPACITY)
-        self._scene["nav"].set_object(scene_object(shapes.triad(NAV_M, NAV_RADIUS_M)))
-        self._scene["hand/box"].set_object(scene_object(shapes.box(BOX_M, BOX_RGB)))
+        self._scene["nav"].set_object(scene_object(shapes.triad(0.12, 0.0022)))
+        sensor = shapes.box((0.040, 0.028, 0.012), (0.96, 0.62, 0.16))
+        self._scene["hand/box"].set_object(scene_object(sensor))
         self._scene["hand/triad"].set_object(self._triad)
 
     def open(self, title: str, subtitle: str, open_browser: bool = True) -> None:
-        """Print the page's address on stderr, and open it if wanted.
-
-        Args:
-            title, subtitle: what is recorded, and with which sensor.
-        """
+        """Print the page's address on stderr, and open it if wanted. Titles: what is recorded, with which sensor."""
         self._about |= {"title": title, "subtitle": subtitle}
         wxyz = self._T_nav_hand.wxyz
         self._draw(LivePicture(0.0, np.zeros(3), np.zeros(3), wxyz, (), "waits", "waits", "for the sensor"))

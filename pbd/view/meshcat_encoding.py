@@ -36,12 +36,6 @@ EXTENSION_CODES = {
 }
 """Extension types of typed arrays in msgpack-lite, which meshcat's page uses."""
 
-FRONT_SIDE, DOUBLE_SIDE = 0, 2
-"""three.js' constants."""
-
-STILL_CHANGE = 1e-9
-"""Smallest change over the motion that is animated, m or in a quaternion's components."""
-
 LEAST_SIGMA_M = 5e-5
 """Smallest sigma, m, of a drawn ellipsoid: the page can't read a rotation from the matrix of a flat one."""
 
@@ -94,7 +88,7 @@ def linear_light(rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 def scene_object(mesh: Mesh, opacity: float = 1.0) -> MeshcatMesh:
     """Make an object for `Visualizer.set_object` from a mesh, in the mesh's own colours; opacity in 0..1."""
-    side = FRONT_SIDE if mesh.closed else DOUBLE_SIDE
+    side = 0 if mesh.closed else 2  # three.js' FrontSide, DoubleSide
     material = MeshPhongMaterial(vertexColors=True, opacity=opacity, side=side, shininess=30, specular=0x1C1C1C)
     thing = MeshcatMesh(MeshGeometry(mesh), material)
     # These names need only differ within one object. Fixed ones give the same bytes for the same scene.
@@ -103,12 +97,7 @@ def scene_object(mesh: Mesh, opacity: float = 1.0) -> MeshcatMesh:
 
 
 def two_sigma_transform(p: Array, cov: Array) -> Array:
-    """Return the matrix (4, 4) that maps the unit ball to the ellipsoid of two sigma.
-
-    Args:
-        p: (3,) m, its centre.
-        cov: (3, 3) m2, in the axes of p.
-    """
+    """Return the matrix (4, 4) from the unit ball to the ellipsoid of two sigma of cov (3, 3) m2 about p (3,) m."""
     variance, axes = np.linalg.eigh(cov)
     axes[:, 0] *= np.sign(np.linalg.det(axes))  # a rotation, not a reflection
     T = np.eye(4)
@@ -118,8 +107,8 @@ def two_sigma_transform(p: Array, cov: Array) -> Array:
 
 
 def is_still(values: Array) -> bool:
-    """Whether values (n, k) over time are too alike to be animated."""
-    return bool(np.ptp(values, axis=0).max() < STILL_CHANGE)
+    """Whether values (n, k) over time, m or a quaternion's components, are too alike to be animated."""
+    return bool(np.ptp(values, axis=0).max() < 1e-9)
 
 
 @dataclass(frozen=True, eq=False)

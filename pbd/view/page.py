@@ -41,9 +41,6 @@ POLICY = (
 def write_page(scene: ReplayScene, path: str | Path) -> None:
     """Write the replay to an HTML file, atomically. The same scene gives the same bytes.
 
-    Args:
-        scene: what `pbd.replay.replay_scene` returns.
-
     Raises:
         RobotError: the robot's files can't be read.
         PbdError: the file can't be written.

@@ -12,28 +12,15 @@ from pbd.view.meshcat_encoding import typed
 from pbd.view.replay_scene import ReplayScene
 from pbd.view.robot_motion import FRAME_RATE_HZ
 
-PLOT_RATE_HZ = 25.0
-"""Samples per second of the joints' curves."""
-SPAN_RATE_HZ = 100.0
-"""Samples per second of the trajectory in which moves and grips are looked for."""
-MOVING_RAD_S = 1e-6
-"""Joint speed, rad/s, above which the arm moves."""
-OPEN_SHARE = 0.98
-"""Share of the gripper's widest opening in the motion above which it counts as open."""
-
 
 def describe(scene: ReplayScene, bounds: Array) -> Mapping[str, Any]:
-    """Describe a replay to the page.
-
-    Args:
-        bounds: (k, 3) m in base, points that the camera should show.
-    """
+    """Describe a replay to the page, whose camera should show the points `bounds` (k, 3) m in base."""
     trajectory, limits, calibration = scene.trajectory, scene.robot.limits, scene.calibration
-    curves = trajectory.sample(PLOT_RATE_HZ)
-    samples = trajectory.sample(SPAN_RATE_HZ)
-    moves = _spans(samples.t, np.abs(samples.qd).max(axis=1) > MOVING_RAD_S)
+    curves = trajectory.sample(25.0)
+    sample_s = 0.01  # the move before a detour may seem to end that much late
+    samples = trajectory.sample(1.0 / sample_s)
+    moves = _spans(samples.t, np.abs(samples.qd).max(axis=1) > 1e-6)
     detours = [(max(start, first), min(end, last)) for start, end in moves for first, last in scene.detours]
-    sample_s = 1.0 / SPAN_RATE_HZ  # the move before a detour may seem to end that much late
     messages = [contact.message for contact in scene.contacts]
     return {
         "title": scene.title,
@@ -44,7 +31,7 @@ def describe(scene: ReplayScene, bounds: Array) -> Mapping[str, Any]:
         "keyframes": [_keyframe(scene, k) for k in range(len(scene.keyframes))],
         "moves": moves,
         "detours": [(start, end) for start, end in detours if start + sample_s < end],
-        "closed": _spans(samples.t, samples.gripper < OPEN_SHARE * samples.gripper.max()),
+        "closed": _spans(samples.t, samples.gripper < 0.98 * samples.gripper.max()),
         "joints": {
             "names": list(trajectory.joint_names),
             "slides": list(scene.slides or (False,) * len(trajectory.joint_names)),

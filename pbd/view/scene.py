@@ -17,27 +17,11 @@ from pbd.view.replay_scene import ReplayScene, Rod
 from pbd.view.robot_motion import Poses, RobotMotion
 from pbd.view.visuals import Visual, read_visuals
 
-PATH_SPACING_M = 0.003
-"""Distance, m, between two points of a drawn path."""
-TOOL_PATH_RGB, TOOL_PATH_RADIUS_M = (0.55, 0.57, 0.60), 0.0012
-"""Colour, and radius (m), of the tool's path."""
-DETOUR_RGB, DETOUR_RADIUS_M = (0.64, 0.28, 0.80), 0.003
-"""Colour, and radius (m), of the tool's path where the arm avoids an obstacle. It is thicker than the rest, for people
-who cannot distinguish the colours."""
 CONTACT_RGB = (0.86, 0.12, 0.10)
 """Colour of bodies that touch."""
-OBSTACLE_RGB, OBSTACLE_OPACITY = (0.62, 0.55, 0.47), 0.6
-"""Look of obstacles."""
-OBJECT_RGB, OBJECT_OPACITY = (0.16, 0.55, 0.53), 0.72
-"""Look of the grasped object. It is translucent, so that it does not hide keyframes and the path."""
-GRIPPER_RGB, GRIPPER_OPACITY = (0.55, 0.58, 0.63), 0.55
-"""Look of the palm and the two fingers that are drawn for a model without a gripper. The rod has the same colour."""
-TOLERANCE_RGB, TOLERANCE_OPACITY = (0.92, 0.59, 0.16), 0.3
-"""Look of the ellipsoids of keyframes' tolerances. The ellipsoids of two sigma inside stay visible."""
 FINGER_M, HALF_STROKE_M = 0.055, 0.04
-"""Length of those fingers, and half the distance between them when they hold nothing, m: a guess."""
-OBSTACLE_MARGIN_M = 0.15
-"""Largest distance, m, by which an obstacle, which may be a long wall, extends the camera's view."""
+"""Length of the fingers that are drawn for a model without a gripper, and half the distance between them when they hold
+nothing, m: a guess."""
 
 
 def build(scene: ReplayScene, into: Visualizer) -> None:
@@ -54,16 +38,16 @@ def build(scene: ReplayScene, into: Visualizer) -> None:
     if scene.rod is not None:
         _placeholder(scene, scene.rod, THE_TOOL in red, nodes)
     _hand_path(scene, into["hand_path"])
-    _tool_path(tool.p, TOOL_PATH_RGB, TOOL_PATH_RADIUS_M, into["tool_path"])
-    for i, (start, end) in enumerate(scene.detours):
+    _tool_path(tool.p, (0.55, 0.57, 0.60), 0.0012, into["tool_path"])
+    for i, (start, end) in enumerate(scene.detours):  # thicker, for people who cannot distinguish the colours
         around = tool.p[(start <= motion.t) & (motion.t <= end)]
-        _tool_path(around, DETOUR_RGB, DETOUR_RADIUS_M, into[f"detour/{i}"])
+        _tool_path(around, (0.64, 0.28, 0.80), 0.003, into[f"detour/{i}"])
     _keyframes(scene, into["keyframes"])
     carried = carried_object(scene, tool)
     if scene.grasped is not None and carried is not None:
-        rgb = CONTACT_RGB if f"the {scene.grasped.shape}" in red else OBJECT_RGB
+        rgb = CONTACT_RGB if f"the {scene.grasped.shape}" in red else (0.16, 0.55, 0.53)
         mesh = shapes.primitive(scene.grasped.shape, scene.grasped.size, rgb)
-        into["object"].set_object(scene_object(mesh, OBJECT_OPACITY))
+        into["object"].set_object(scene_object(mesh, 0.72))  # it must not hide keyframes and the path
         tracks.append(PoseTrack(into["object"].path, motion.t, carried.p, carried.wxyz))
     into.window.send(SetTracks(tracks))
     _obstacles(scene.calibration.obstacles, red, into["obstacles"])
@@ -104,12 +88,12 @@ def _robot(
 def _placeholder(scene: ReplayScene, rod: Rod, red: bool, nodes: Mapping[int, Visualizer]) -> None:
     """Draw the rod that is checked, and a gripper that is not checked: it shows what holds the object."""
     joint, T_joint_body = scene.motion.link(scene.robot.body)
-    node, rgb = nodes[joint]["placeholder"], CONTACT_RGB if red else GRIPPER_RGB
+    node, rgb = nodes[joint]["placeholder"], CONTACT_RGB if red else (0.55, 0.58, 0.63)
     node.set_transform((T_joint_body @ scene.robot.T_body_tool).matrix())
     node["rod"].set_object(scene_object(shapes.capsule(0.5 * rod.diameter, rod.length, rgb)))
     node["rod"].set_transform(rod.T_tool_rod.matrix())
     for i, (size, p_tool) in enumerate(_gripper(scene)):
-        node[str(i)].set_object(scene_object(shapes.box(size, rgb), GRIPPER_OPACITY))
+        node[str(i)].set_object(scene_object(shapes.box(size, rgb), 0.55))
         node[str(i)].set_transform(Pose(np.array(p_tool), np.array([1.0, 0.0, 0.0, 0.0])).matrix())
 
 
@@ -139,9 +123,9 @@ def _tool_path(p: Array, rgb: tuple[float, float, float], radius: float, into: V
 
 
 def _thinned(points: Array) -> tuple[Array, Array]:
-    """Points about PATH_SPACING_M apart along the path, both ends included, and their indices."""
+    """Points about 3 mm apart along the path, both ends included, and their indices."""
     along = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1)))
-    wanted = np.linspace(0.0, along[-1], max(int(along[-1] / PATH_SPACING_M), 1) + 1)
+    wanted = np.linspace(0.0, along[-1], max(int(along[-1] / 0.003), 1) + 1)
     index = np.unique(np.append(np.searchsorted(along, wanted).clip(0, len(points) - 1), len(points) - 1))
     return points[index], index
 
@@ -149,7 +133,7 @@ def _thinned(points: Array) -> tuple[Array, Array]:
 def _keyframes(scene: ReplayScene, into: Visualizer) -> None:
     triad = scene_object(shapes.triad(shapes.TRIAD_M, shapes.TRIAD_RADIUS_M))
     uncertain = scene_object(shapes.sphere(1.0, shapes.UNSURE_RGB), opacity=shapes.UNSURE_OPACITY)
-    allowed = scene_object(shapes.sphere(1.0, TOLERANCE_RGB), opacity=TOLERANCE_OPACITY)
+    allowed = scene_object(shapes.sphere(1.0, (0.92, 0.59, 0.16)), opacity=0.3)  # `uncertain` inside stays visible
     for i, (T_base_tool, cov, tolerance) in enumerate(zip(scene.T_base_tool, scene.cov, scene.tolerance, strict=True)):
         into[f"{i}/triad"].set_object(triad)
         into[f"{i}/triad"].set_transform(T_base_tool.matrix())
@@ -163,8 +147,8 @@ def _keyframes(scene: ReplayScene, into: Visualizer) -> None:
 
 def _obstacles(obstacles: Sequence[Obstacle], red: Set[str], into: Visualizer) -> None:
     for i, obstacle in enumerate(obstacles):
-        rgb = CONTACT_RGB if obstacle.name in red else OBSTACLE_RGB
-        into[str(i)].set_object(scene_object(shapes.primitive(obstacle.shape, obstacle.size, rgb), OBSTACLE_OPACITY))
+        rgb = CONTACT_RGB if obstacle.name in red else (0.62, 0.55, 0.47)
+        into[str(i)].set_object(scene_object(shapes.primitive(obstacle.shape, obstacle.size, rgb), 0.6))
         into[str(i)].set_transform(obstacle.T_base_obstacle.matrix())
 
 
@@ -179,7 +163,7 @@ def _bounds(scene: ReplayScene, tool: Poses, visuals: tuple[Visual, ...], carrie
     if scene.grasped is not None and carried is not None:
         points.append(_swept(carried, _corners(scene.grasped.shape, scene.grasped.size)))
     moving: Array = np.concatenate(points)
-    low, high = moving.min(axis=0) - OBSTACLE_MARGIN_M, moving.max(axis=0) + OBSTACLE_MARGIN_M
+    low, high = moving.min(axis=0) - 0.15, moving.max(axis=0) + 0.15  # m; an obstacle may be a long wall
     obstacles = scene.calibration.obstacles
     standing = [each.T_base_obstacle.act(_corners(each.shape, each.size)).clip(low, high) for each in obstacles]
     return _outermost(np.concatenate((moving, *standing)))

@@ -27,10 +27,6 @@ if TYPE_CHECKING:  # the live view of a recording must not import a robot librar
     from pbd.view.replay_scene import ReplayScene
 
 LOOPBACK = "127.0.0.1"
-HOSTS = r"(127\.0\.0\.1|localhost)"
-"""Host names that are served. A foreign page whose host name resolves to 127.0.0.1 gets nothing (DNS rebinding)."""
-CLOSING_S = 2.0
-"""Longest time, s, that closing waits until pages have received the last commands."""
 
 
 class LiveViewer:
@@ -81,7 +77,9 @@ class LiveViewer:
         asyncio.set_event_loop(self._loop)
         page = page_html("pbd", b"", connect=f"ws://{LOOPBACK}:* ws://localhost:*")
         app = Application(log_function=lambda handler: None)
-        app.add_handlers(HOSTS, [(r"/pbd", _Page, {"page": page}), (r"/", _Socket, {"viewer": self})])
+        # A foreign page whose host name resolves to 127.0.0.1 gets nothing (DNS rebinding).
+        hosts = r"(127\.0\.0\.1|localhost)"
+        app.add_handlers(hosts, [(r"/pbd", _Page, {"page": page}), (r"/", _Socket, {"viewer": self})])
         server = HTTPServer(app)
         server.add_sockets(sockets)
         self._loop.run_forever()
@@ -114,7 +112,7 @@ class LiveViewer:
     async def _end(self) -> None:
         last = [page.last for page in self._pages if page.last is not None]
         if last:
-            await asyncio.wait(last, timeout=CLOSING_S)
+            await asyncio.wait(last, timeout=2.0)
         for page in tuple(self._pages):
             page.close()
         await asyncio.sleep(0.05)

@@ -122,12 +122,9 @@ def _twist_free(points: Array, tangents: Array) -> Array:
 
 
 def _revolved(profile: ArrayLike) -> Array:
-    """Triangles (m, 3, 3) m of a solid of revolution about z.
+    """Triangles (m, 3, 3) m of a solid of revolution about z, of radii and heights (n, 2) m from the bottom up.
 
     At radius 0 triangles have no area; `compact` drops them.
-
-    Args:
-        profile: (n, 2) radius and height in m, from the bottom up.
     """
     angle = np.linspace(0.0, 2.0 * np.pi, SIDES, endpoint=False)
     around = np.stack((np.cos(angle), np.sin(angle)), axis=1)

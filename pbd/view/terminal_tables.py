@@ -22,14 +22,8 @@ from pbd.view.safe_console import SafeConsole
 from pbd.view.terminal import escaped
 from pbd.view.units import Units
 
-PIPE_WIDTH = 200
-"""Width of the output, in characters, if it is no terminal. Rows then stay on one line for programs that read them."""
-
 COLUMN_GAP, NARROW_GAP = 3, 2
 """Characters between two columns of a table, and of one that is made narrow for the terminal."""
-
-SPELLED = str.maketrans({"σ": "sigma", "°": "deg", "±": "+-", "─": "-"})
-"""Signs, and their spelling for a stream without one of them."""
 
 
 def print_csv(*tables: Table) -> None:
@@ -51,7 +45,7 @@ def print_table(table: Table, stream: TextIO | None = None) -> None:
             console.print(part, new_line_start=k > 0)
         return
     text = StringIO()
-    SafeConsole(text, width=PIPE_WIDTH).print(table)
+    SafeConsole(text, width=200).print(table)  # rows stay on one line for programs that read them
     print(_writable("\n".join(line.rstrip() for line in text.getvalue().splitlines()), stream), file=stream)
 
 
@@ -59,7 +53,8 @@ def _writable(text: str, stream: TextIO) -> str:
     try:
         text.encode(stream.encoding or "utf-8")
     except UnicodeEncodeError:
-        return text.translate(SPELLED)
+        spelled = str.maketrans({"σ": "sigma", "°": "deg", "±": "+-", "─": "-"})
+        return text.translate(spelled)
     return text
 
 
@@ -135,11 +130,8 @@ def segments_table(segments: Sequence[Segment], units: Units) -> Table:
 def keyframes_table(keyframes: Sequence[Keyframe], units: Units, inside: Array | None) -> Table:
     """The sensor's pose in nav at each stop. Sigma is the largest over the axes, blank where it is unknown.
 
-    Columns that apply to no keyframe are left out: the probability of a stop where the tracker doubts it, the label,
-    and the objects that keyframes belong to.
-
-    Args:
-        inside: (k,) probability that the tool is within its tolerance; None: no such column.
+    Columns that apply to no keyframe are left out: the probability of a stop where the tracker doubts it, that of the
+    tool within its tolerance, `inside` (k,), the label, and the objects that keyframes belong to.
     """
     deg, fine = units.angle_sign, units.finer
     sigma = keyframe_sigmas([each.cov for each in keyframes])
