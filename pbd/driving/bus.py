@@ -27,9 +27,6 @@ latency timer of 16 ms."""
 TRIES = 2
 """Requests after which a servo counts as silent. Two tries and a period of 20 ms stop the arm within 50 ms."""
 
-WAIT_S = 0.001
-"""Longest wait of one read of the port, s."""
-
 
 class NoAnswerError(SensorError):
     """Servos did not answer. `ids`: which; `heard`: the last bytes that came."""
@@ -59,7 +56,7 @@ class Bus:
 
         After it is closed, the servos hold their goals.
         """
-        with open_port(device, BAUD, what="arm", wait_s=WAIT_S) as port:
+        with open_port(device, BAUD, what="arm", wait_s=0.001) as port:
             yield cls(port, answer_s or ANSWER_AT_REST_S)
 
     def read(self, ids: Sequence[int], address: int, length: int) -> dict[int, Answer]:

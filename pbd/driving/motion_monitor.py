@@ -17,12 +17,6 @@ MAX_LOAD, LOAD_S = 0.8, 0.5
 """Largest share of a servo's strength, and the longest time above it, s. The servo itself gives way at 0.8 after 2 s
 (factory settings of Overload_Torque and Protection_Time)."""
 
-HEAT_MARGIN_CELSIUS = 5.0
-"""Margin below the temperature at which a servo switches itself off and drops the arm, °C."""
-
-MIN_VOLTS_SHARE = 0.8
-"""Smallest voltage as a share of that at the start (assumed). Below it the power supply is overloaded."""
-
 OVERLOAD = 32
 """Error flag of a servo that gives way to a load. A gripper that LeRobot has configured sets it after 2 s of grasping
 at more than 25 % of its strength, and goes on grasping at 20 % (Overload_Torque, Protection_Time, Protective_Torque).
@@ -46,7 +40,7 @@ class MotionMonitor:
         """Begin; `start` is the arm at rest. With an infinite tolerance, positions are not checked."""
         n = len(names)
         self._names, self._bounds, self._tolerance_deg = names, bounds, tolerance_deg
-        self._min_volts = MIN_VOLTS_SHARE * start.volts
+        self._min_volts = 0.8 * start.volts  # below it the power supply is overloaded (assumed)
         self._goals: deque[Array] = deque([start.counts], maxlen=max(2, round(LAG_S * rate_hz)))
         self._overloaded, self._max_overloaded = np.zeros(n), LOAD_S * rate_hz
         self.error_deg, self.load = np.zeros(n), np.zeros(n)
@@ -95,7 +89,7 @@ def check_health(names: Sequence[str], bounds: ServoLimits, state: ServoState) -
         SensorError: names the servo, what is wrong, and what to do.
     """
     for i, name in enumerate(names):
-        if state.celsius[i] >= bounds.celsius[i] - HEAT_MARGIN_CELSIUS:
+        if state.celsius[i] >= bounds.celsius[i] - 5.0:  # where a servo switches itself off and drops the arm
             what = f"{name} is at {state.celsius[i]:.0f} °C, and switches off at {bounds.celsius[i]:.0f}"
             raise SensorError(f"{what}: let it cool down", joint=name)
         low, high = bounds.min_volts[i], bounds.max_volts[i]

@@ -21,18 +21,8 @@ CHECK_EVERY_S = 0.25
 STUCK_S = 2.0
 """Time after which a sensor whose samples are all the same is stuck, s."""
 
-WINDOW_S = STUCK_S + 2.0 * CHECK_EVERY_S
-"""Duration of the latest samples that are checked, s."""
-
 REPEAT_WARNING_S = 5.0
 """Time after which a warning is repeated if the fault persists, s."""
-
-MOVING_ACC_STD = 0.5
-"""Standard deviation of an accelerometer axis above which the hand certainly moves, m/s2. At rest, a working gyro may
-repeat its reading."""
-
-MIN_SAMPLES = 8
-"""Smallest number of samples in the window for a check."""
 
 
 class Diagnostics:
@@ -50,11 +40,11 @@ class Diagnostics:
         self._recent.append((t, sample))
         if t - self._checked_t < CHECK_EVERY_S:
             return []
-        while self._recent[0][0] < t - WINDOW_S:
+        while self._recent[0][0] < t - STUCK_S - 2.0 * CHECK_EVERY_S:
             self._recent.popleft()
         last_check, self._checked_t = self._checked_t, t
         window = _window(self._recent)
-        if len(window) < MIN_SAMPLES:
+        if len(window) < 8:
             return []
         faults = self._saturated_axes(window, last_check) | self._stuck_channels(window)
         new = [what for what in faults if t - self._warned_at.get(what, -np.inf) >= REPEAT_WARNING_S]
@@ -100,7 +90,8 @@ class Diagnostics:
         gyro_goes_on = window.gyr is not None and _changes(window.gyr[now])
         if gyro_goes_on and not _changes(window.acc[now]) and frozen_rows(window)[now].all():
             faults["acc frozen"] = "the accelerometer repeats itself while the gyro goes on: plug the sensor in again"
-        if long_enough and np.std(window.acc, axis=0).max() > MOVING_ACC_STD:
+        # Above 0.5 m/s2 the hand certainly moves; at rest, a working gyro may repeat its reading.
+        if long_enough and np.std(window.acc, axis=0).max() > 0.5:
             if window.gyr is not None and not _changes(window.gyr):
                 faults["gyro dead"] = (
                     "the gyro reads the same while the hand moves, so it is dead: repair or replace the sensor"

@@ -19,9 +19,6 @@ MAX_BACKLOG_S = 2.0
 """Longest time that samples may wait to be taken, s. If they wait longer, they come faster than this machine can take
 them."""
 
-MIN_SAMPLES = 2
-"""Smallest number of samples in the first SILENT_S. With fewer, the device sends too slowly to be recorded."""
-
 
 class Link:
     """Watches the port that a session is recorded from, and warns the person of what happens to it.
@@ -67,14 +64,14 @@ class Link:
         return self.now - max(self._reader.latest, self._resumed)
 
     def may_begin(self, ended: SensorError | None) -> bool:
-        """Whether the recording may begin: SILENT_S have passed, or the port was lost, and samples came.
+        """Whether the recording may begin: SILENT_S have passed, or the port was lost, and two samples or more came.
 
         Raises:
             SensorError: what came is not this sensor's stream; or `ended`, the error that ended reading.
         """
         if ended is None and self.now - max(self._reader.opened, self._resumed) <= SILENT_S:
             return False
-        if not self._session.decodable or (self._session.samples < MIN_SAMPLES and ended is None):
+        if not self._session.decodable or (self._session.samples < 2 and ended is None):
             raise ended or _no_samples_error(self._session, self._reader)
         return True
 

@@ -15,9 +15,6 @@ from pbd.sensors.reader import ByteSource, Reader
 SCREEN_EVERY_S = 0.1
 """Time between two updates of the screen, s."""
 
-REOPEN_EVERY_S = 0.2
-"""Time between two attempts to reopen a lost port, s."""
-
 Poll = Callable[[], Command | None]
 
 
@@ -119,5 +116,5 @@ def _wait_for_port(session: Session, link: Link, poll: Poll, show: Callable[[Sta
         command = poll()
         if command in ENDED_BY:
             return command
-        time.sleep(REOPEN_EVERY_S)
+        time.sleep(0.2)
     return None

@@ -15,17 +15,6 @@ from pbd.tracking.estimate import has_grip
 from pbd.tracking.online.tracker import LiveEvent, LiveTracker, RestFound, StopBegan, StopEnded
 from pbd.tracking.repair.gyro_consistency import UPSIDE_DOWN_COS
 
-MAX_TRACKED_HZ = 250.0
-"""Highest rate of the live tracker, Hz. Faster samples are averaged to it, without loss for the tracker."""
-
-REMIND_AFTER_S = 1.5
-"""Time without a first rest after which the person gets a reminder, s. One second of rest is enough."""
-
-UPSIDE_DOWN = (
-    "the sensor lies upside down: turn it over; if it is mounted like that, [dock] and [mount] must say so "
-    "(docs/calibration.md)"
-)
-
 
 class Feedback:
     """Feeds the live tracker and collects messages for the person."""
@@ -56,10 +45,10 @@ class Feedback:
         self._grips.append(t)
 
     def feed(self, t: float, sample: Sample) -> None:
-        """Take the next sample, at t s."""
+        """Take the next sample, at t s. Faster ones than 250 Hz are averaged to it, without loss for the tracker."""
         interval, self._t = t - self._t, t
         self._block.append((t, sample))
-        if t + interval - self._block[0][0] < 1.0 / MAX_TRACKED_HZ:
+        if t + interval - self._block[0][0] < 1.0 / 250.0:
             return
         block, self._block = self._block, []
 
@@ -87,7 +76,7 @@ class Feedback:
             return
         for event in events:
             self._report(event)
-        if self.tracker.waiting and not self._reminded and t >= REMIND_AFTER_S:
+        if self.tracker.waiting and not self._reminded and t >= 1.5:  # one second of rest is enough
             self._reminded = True
             self.say(t, self.tracker.waiting, bell=True)
         sigma = self.tracker.sigma_of_move
@@ -108,7 +97,8 @@ class Feedback:
         if isinstance(event, RestFound):
             self.say(event.t, "the rest at the start is found: you may move", bell=True)
             if event.rest.up_sensor[2] < UPSIDE_DOWN_COS:
-                self.say(event.t, UPSIDE_DOWN)
+                mounted = "if it is mounted like that, [dock] and [mount] must say so (docs/calibration.md)"
+                self.say(event.t, f"the sensor lies upside down: turn it over; {mounted}")
             mag, rest = np.mean([mag for _, mag in self._field], axis=0) if self._field else None, event.rest
             for line in disagreements(self._errors, rest.gravity * rest.up_sensor, rest.gyro_bias, mag):
                 self.say(event.t, line, bell=True)

@@ -17,9 +17,6 @@ from pbd.sensors.decoding import Decoder, Sample
 from pbd.sensors.probe import describe_bytes, identify_protocol, printed_line
 from pbd.timestamps.sample_clock import SampleClock
 
-MOST_BACKWARDS = 0.05
-"""Largest share of steps at which a device's time may run backwards. Resets are rare, and few digits are corrupted."""
-
 
 def decode_raw(path: Path, decoder: Decoder, sensor: str, rate_hz: float | None = None) -> Demonstration:
     """Decode a raw.bin, or a text of lines.
@@ -59,7 +56,7 @@ def _sample_times(
 ) -> tuple[list[Sample], Array, str]:
     """Return the samples that have a time, their times (n,) s, and the clock's description."""
     steps = np.diff([np.nan if sample.t_device is None else sample.t_device for sample in samples])
-    if (backwards := int((steps < 0.0).sum())) > MOST_BACKWARDS * len(steps):
+    if (backwards := int((steps < 0.0).sum())) > 0.05 * len(steps):  # resets are rare, and few digits are corrupted
         what = f"the device's time runs backwards at {backwards} of {len(samples)} samples, so it is no time"
         raise RecordingError.at(path, f"{what}; in a text of lines, name another column t, or none and add --rate HZ")
     if has_clock := bool((steps > 0.0).any()):

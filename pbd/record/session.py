@@ -28,13 +28,8 @@ from pbd.timestamps.sample_clock import SampleClock
 from pbd.tracking.online.tracker import LiveTracker
 from pbd.tracking.taps import TapDetector
 
-CHANNELS_AFTER_S = 0.2
-"""Time after which the samples have shown the sensor's channels, s. Nothing is written to disk before."""
-
 FIRST_BYTES = 4096
 """Number of first bytes that are kept to identify the sensor if they can't be decoded."""
-
-HOST_CLOCK = "host: arrival times, straightened"
 
 
 class Session:
@@ -79,7 +74,7 @@ class Session:
             self.toggle_grip()
         if len(self.first_bytes) < FIRST_BYTES:
             self.first_bytes += data
-        if self.t >= CHANNELS_AFTER_S:
+        if self.t >= 0.2:  # the samples have shown the sensor's channels
             self.begin()
         if self.options.raw:
             self._raw += data
@@ -275,7 +270,7 @@ class Session:
 
     @property
     def _clock_name(self) -> str:
-        return DEVICE_CLOCK if self._clock.is_device else HOST_CLOCK
+        return DEVICE_CLOCK if self._clock.is_device else "host: arrival times, straightened"
 
     def _new_recording(self) -> Recording:
         t, samples = zip(*self._new, strict=True)

@@ -12,9 +12,6 @@ from pbd.data import Keyframe, Recording, SensorErrors
 from pbd.pose import Array
 from pbd.sensors.decoding import Sample
 
-MISSING = (np.nan, np.nan, np.nan)
-"""A missing reading."""
-
 FEWEST_STOPS = 2
 """Smallest number of stops that can be replayed: the first rest and one more."""
 
@@ -27,7 +24,7 @@ def recording_from_samples(t: Array, samples: Sequence[Sample], **more: Any) -> 
     `more` are further fields of the recording. A channel that no sample has is None.
     """
     channels: dict[str, Any] = {
-        name: np.array([getattr(sample, name) or MISSING for sample in samples]).reshape(-1, 3)
+        name: np.array([getattr(sample, name) or (np.nan,) * 3 for sample in samples]).reshape(-1, 3)
         for name in ("acc", "gyr", "mag", "rpy")
         if name == "acc" or any(getattr(sample, name) for sample in samples)
     }

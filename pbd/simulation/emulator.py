@@ -13,8 +13,6 @@ import numpy as np
 from pbd.data import GRAVITY, Recording
 
 INERTIAL, MAGNETOMETER = 0x80 | ord("I"), 0x80 | ord("M")
-TICK_S = 0.01
-"""Time between two writes, s, as in a USB device."""
 
 
 class Emulator:
@@ -75,7 +73,7 @@ class Emulator:
         rest = max(1, min(len(recording), round(0.5 / interval)))
         rng, last = np.random.default_rng(0), rest - 1
         begun = time.monotonic()
-        while not self._ended.wait(TICK_S):
+        while not self._ended.wait(0.01):  # s between two writes, as in a USB device
             due = int((time.monotonic() - begun) / interval)
             messages = []
             for k in range(self.sent, due):

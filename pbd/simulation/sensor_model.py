@@ -177,15 +177,9 @@ _PHONE = SensorModel(
     mag=Triad(noise=0.3 / sqrt(100.0), step=0.15),  # assumed: that of an AK0991x
 )
 
-_PRESETS = (
-    _OS5000,
-    replace(_OS5000, name="os5000-nogyro", gyr=None),
-    _WT901,
-    _MODERN,
-    _PHONE,
-    SensorModel("ideal", 100.0),
-)
-
-SENSOR_MODELS: Mapping[str, SensorModel] = {model.name: model for model in _PRESETS}
+_NO_GYRO = replace(_OS5000, name="os5000-nogyro", gyr=None)
+SENSOR_MODELS: Mapping[str, SensorModel] = {
+    model.name: model for model in (_OS5000, _NO_GYRO, _WT901, _MODERN, _PHONE, SensorModel("ideal", 100.0))
+}
 """Name -> preset. os5000: the paper's device plus a three-axis gyro. modern: the class of an MTi. phone: 8 g and
 its maker's calibration. ideal: no errors."""
