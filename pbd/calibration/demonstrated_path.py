@@ -108,14 +108,9 @@ def _smoothed_poses(
 
 
 def with_ends_at(share: Array, p: Array, wxyz: Array, start: Pose, end: Pose) -> tuple[Array, Array]:
-    """Change a path p (n, 3), wxyz (n, 4) so that it starts and ends at given poses.
+    """Change a path p (n, 3) m, wxyz (n, 4), at shares (n,) of the move's duration, to start and end at given poses.
 
     The corrections of both ends are spread over the move such that the velocities at the ends stay as they are.
-
-    Args:
-        share: (n,) elapsed share of the move's duration, from 0 to 1.
-        p, wxyz: m, and unit quaternions.
-        start, end: the poses at which the path is to start and end.
     """
     shifts = [pose.p - p[i] for pose, i in ((start, 0), (end, -1))]
     turns = [quat_log(quat_multiply(pose.wxyz, quat_inverse(wxyz[i]))) for pose, i in ((start, 0), (end, -1))]

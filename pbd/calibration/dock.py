@@ -200,12 +200,6 @@ def dock_at(
 
     The covariance has no tilt, because only position and heading of a dock are used.
 
-    Args:
-        keyframes: a demonstration's, which started at the first.
-        index: of the keyframe at which the new dock is.
-        calibration: places nav in base.
-        path: that of the keyframes, if known.
-
     Raises:
         CalibrationError: as `place_in_base`, or the base is tilted.
         UsageError: there is no such keyframe.
