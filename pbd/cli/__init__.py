@@ -20,9 +20,6 @@ __all__ = ["main", "parser"]
 UNWRITABLE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EBADF)
 """errno values that standard output gives: a full disk, a closed terminal. Errors of files are PbdErrors by then."""
 
-FORBIDDEN = (errno.EACCES, errno.EPERM, errno.EROFS, errno.ENAMETOOLONG, errno.ELOOP, *UNWRITABLE)
-"""errno values of a path that are no bug: permissions, names, disks."""
-
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command and return its exit code."""
@@ -40,8 +37,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             say(with_notes(f"stopped by {'Ctrl-C' if number == signal.SIGINT else number.name}", stop))
             return 128 + number
         except OSError as reason:
-            message = _os_error_message(reason)
-            if message is None:
+            if (message := _os_error_message(reason)) is None:
                 raise  # a bug
             say(message)
             return 1
@@ -49,7 +45,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _os_error_message(reason: OSError) -> str | None:
     """Return the message for an OSError that is the user's or the machine's fault; None if it is a bug."""
-    if reason.filename is not None and reason.errno in FORBIDDEN:
+    of_path = (errno.EACCES, errno.EPERM, errno.EROFS, errno.ENAMETOOLONG, errno.ELOOP, *UNWRITABLE)
+    if reason.filename is not None and reason.errno in of_path:
         return f"{os.fsdecode(reason.filename)}: {in_words(reason)}; check the path, and who may read and write there"
     if in_deleted_folder():
         return DELETED

@@ -19,11 +19,6 @@ from pbd.record.session_types import FEWEST_STOPS
 from pbd.tracking.first_rest import find_rest
 from pbd.tracking.repair.repair_recording import repair_recording
 
-NO_GYRO = (
-    "no gyro was found: attitude is then the device's own, which lags, or there is none; keyframes of a hand that "
-    "turns are centimetres off. If the file has one, name it with --column gx=NAME --column gy=NAME --column gz=NAME"
-)
-
 
 def run(args: argparse.Namespace) -> None:
     """Import the file, store it as a demonstration, and print how its columns were understood."""
@@ -35,7 +30,11 @@ def run(args: argparse.Namespace) -> None:
     demo = _read(args)
     recording, source = demo.recording, demo.recording.info.source
     if recording.gyr is None:
-        warn(NO_GYRO)
+        warn(
+            "no gyro was found: attitude is then the device's own, which lags, or there is none; keyframes of a hand "
+            "that turns are centimetres off. If the file has one, name it with --column gx=NAME --column gy=NAME "
+            "--column gz=NAME"
+        )
     try:
         with working("checking it"):
             recording = _checked(recording)

@@ -18,9 +18,8 @@ if TYPE_CHECKING:
 DRIVEN = ("so100", "so101")
 """The robots that `pbd run` drives."""
 
-_LENGTHS, _ANGLES, _TIMES = "m, cm or mm", "deg or rad", "s or ms"
-UNIT_HELP = {"m": _LENGTHS, "cm": _LENGTHS, "mm": _LENGTHS, "deg": _ANGLES, "rad": _ANGLES, "s": _TIMES, "ms": _TIMES}
-"""Default unit -> the units to choose from, as the help lists them."""
+UNITS = ("m, cm or mm", "deg or rad", "s or ms")
+"""The units to choose from, as the help lists them."""
 
 
 class HelpFormatter(argparse.RawDescriptionHelpFormatter):
@@ -114,7 +113,8 @@ def add_table(parser: argparse.ArgumentParser, units: str | None = None) -> None
     add_json(form)
     flag(form, "--csv", "print the table as CSV")
     if units is not None:
-        _add_units(parser, units, f"units of the table: {'; '.join(UNIT_HELP[unit] for unit in units.split(','))}")
+        choices = (each for each in UNITS if set(re.findall(r"\w+", each)) & set(units.split(",")))
+        _add_units(parser, units, f"units of the table: {'; '.join(choices)}")
 
 
 def add_tracking(parser: argparse.ArgumentParser, calibration: str = "the robot's own dock, else 'default'") -> None:
@@ -165,7 +165,7 @@ def add_planning(
         option(start, "--from", "JSON", f"{joints}; default: home", dest="start")
         flag(start, "--no-approach", "start at the first keyframe, not at home")
         if units:
-            _add_units(group, "m,rad", f"units of --from, except in a message: {_LENGTHS}; {_ANGLES}")
+            _add_units(group, "m,rad", f"units of --from, except in a message: {'; '.join(UNITS[:2])}")
     flag(group, "--no-retreat", "end at the last keyframe, do not go back home")
     flag(group, "--no-detour", "refuse a move for which only a planner finds a way around obstacles")
     carried = "mass that the tool always carries, and its centre of mass in the tool frame, m (0 0 0)"

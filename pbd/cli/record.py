@@ -37,9 +37,6 @@ HOLDS = (
 )
 """How to hold the sensor in takes 1, 2, 3 and 4. Later takes repeat 2, 3 and 4."""
 
-WHY_TURN = "its own errors then point elsewhere in each take, and fusing tells them from the motion"
-"""Why the sensor is turned from take to take."""
-
 
 def run(args: argparse.Namespace) -> None:
     """Record, and report the result."""
@@ -84,11 +81,11 @@ def run(args: argparse.Namespace) -> None:
         show: Show = screen.show
         every_s, live = SCREEN_EVERY_S, None
         if view is not None:
-            from pbd.cli.recording import live as recording_live
+            from pbd.cli.recording.live import LiveScreen
 
             view.open(name, sensor, args.open)
-            live = recording_live.LiveScreen(view, screen.show, options.tolerance_m)
-            show, every_s = live.show, recording_live.PAGE_EVERY_S
+            live = LiveScreen(view, screen.show, options.tolerance_m)
+            show, every_s = live.show, 0.05
         if hand is not None:
             poll, show = hand.combine(poll, show, keys.terminal, args.duration)
         with panel or nullcontext():
@@ -166,7 +163,8 @@ def _warn_of_rate(asked_hz: float | None, outcome: Outcome) -> None:
 def how_to_hold(take: int) -> str:
     """Say how to hold the sensor in take 1, 2, ..., and why."""
     how = HOLDS[(take - 1) % len(HOLDS)] if take <= len(HOLDS) else HOLDS[1 + (take - 2) % (len(HOLDS) - 1)]
-    return f"take {take}: {how}{'' if take == 1 else f': {WHY_TURN}'}; the hand starts and moves as before"
+    why = ": its own errors then point elsewhere in each take, and fusing tells them from the motion"
+    return f"take {take}: {how}{'' if take == 1 else why}; the hand starts and moves as before"
 
 
 def _next_command(args: argparse.Namespace, folder: Path) -> str:

@@ -12,14 +12,12 @@ from pbd.replay import replay_scene
 from pbd.view.page import write_page
 from pbd.view.server import show_replay
 
-SUFFIXES = (".html", ".htm")
-
 
 def run(args: argparse.Namespace) -> None:
     """Plan the motion, audit it and show it."""
     if args.html is not None:
         refuse_output(args.html, (args.demo, args.robot, args.calibration, args.start))
-        if args.html.suffix.lower() not in SUFFIXES:
+        if args.html.suffix.lower() not in (".html", ".htm"):
             raise UsageError(f"--html needs a name that ends in .html, got '{args.html}'")
     plan = plan_demonstration(args)
     warned = list(args.warnings)

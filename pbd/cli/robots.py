@@ -29,9 +29,6 @@ from pbd.view.units import Units
 if TYPE_CHECKING:
     from pbd.planning.suggest_dock import Suggestion
 
-EASY_DEMO = "pouring"
-"""The demonstration that the suggested home and dock make possible if none is named."""
-
 
 def run(args: argparse.Namespace) -> None:
     """List the robots; or suggest a home and a dock for one; or rank them by a demonstration."""
@@ -167,7 +164,7 @@ def _suggest_home_and_dock(args: argparse.Namespace) -> None:
     if args.robot or args.csv:
         raise UsageError("--suggest takes the file itself, and prints TOML, or JSON with --json")
     robot = read_robot(args.suggest, draft=True)
-    name = args.demo or EASY_DEMO
+    name = args.demo or "pouring"
     demo = load_demonstration(name)
     _, keyframes = track_demonstration(args, demo, None)
     warn_of_frames(load_model(robot))

@@ -21,25 +21,6 @@ from pbd.sensors.protocols import PROTOCOLS
 from pbd.view.terminal import for_rich
 from pbd.view.terminal_tables import ports_table, print_csv, print_table, words_table
 
-QR_BORDER_MODULES = 2
-"""Width of a QR code's light border, modules. The standard says four; the app reads two, and a terminal is small."""
-
-QR_MODULE_PIXELS = 6
-"""Pixels per module in a picture of the code."""
-
-MADE_BY, PNG_HEADER = f"{PICTURE_MADE_BY}segno", 33
-"""Name of the program in a picture's metadata; length of a PNG's signature and header, bytes."""
-
-WHITE_ON_BLACK, PLAIN = "\033[97;40m", "\033[0m"
-"""Terminal colours for a code, whose characters are its light modules. A terminal's own colours may be reversed."""
-
-SCAN_STEP = '1. in phyphox: + (below right), "add experiment from QR code", and scan the code'
-SEND_STEP = "1. send {file} to the phone, and open it there with phyphox"
-
-NEXT_STEPS = """\
-2. open the experiment "pbd"; in its menu (three dots) switch "allow remote access" on; it shows an address
-3. pbd record tea --sensor phyphox --port http://ADDRESS"""
-
 
 def run(args: argparse.Namespace) -> None:
     """List the ports and the supported sensors, with --probe listen to the ports; or prepare a phone."""
@@ -106,8 +87,11 @@ def _prepare_phone(args: argparse.Namespace) -> None:
         message = f"{file} is written, for a phone that can't scan: send it there, and open it with phyphox"
     else:
         message = f"{file} is written; a terminal shows the code to scan, -o code.png makes a picture of it"
-    print(SCAN_STEP if shown or kind != "phyphox" else SEND_STEP.format(file=file))
-    print(NEXT_STEPS)
+    scanned = shown or kind != "phyphox"
+    scan = 'in phyphox: + (below right), "add experiment from QR code", and scan the code'
+    print(f"1. {scan if scanned else f'send {file} to the phone, and open it there with phyphox'}")
+    print('2. open the experiment "pbd"; in its menu (three dots) switch "allow remote access" on; it shows an address')
+    print("3. pbd record tea --sensor phyphox --port http://ADDRESS")
     return say(message)
 
 
@@ -119,21 +103,23 @@ def _qr_code(data: bytes) -> Any:
 
 def _draw_code(code: Any, kind: str, file: Path) -> None:
     """Write a picture of a code, which says that pbd made it, as `refuse_others_file` wants."""
+    made_by = f"{PICTURE_MADE_BY}segno"
     if kind == "svg":
-        code.save(str(file), kind=kind, scale=QR_MODULE_PIXELS, title=MADE_BY)
+        code.save(str(file), kind=kind, scale=6, title=made_by)
         return
-    drawn, text = io.BytesIO(), b"tEXtSoftware\0" + MADE_BY.encode()
-    code.save(drawn, kind=kind, scale=QR_MODULE_PIXELS)
-    chunk = struct.pack(f">I{len(text)}sI", len(text) - 4, text, zlib.crc32(text))  # of PNG, after its header
-    file.write_bytes(drawn.getvalue()[:PNG_HEADER] + chunk + drawn.getvalue()[PNG_HEADER:])
+    drawn, text = io.BytesIO(), b"tEXtSoftware\0" + made_by.encode()
+    code.save(drawn, kind=kind, scale=6)
+    png, chunk = drawn.getvalue(), struct.pack(f">I{len(text)}sI", len(text) - 4, text, zlib.crc32(text))
+    file.write_bytes(png[:33] + chunk + png[33:])  # after the signature and the header
 
 
 def _show_codes() -> None:
     """Show the experiment as QR codes, one at a time: as few as fit the terminal's size."""
     columns, lines = shutil.get_terminal_size()
+    border = 2  # light modules; the standard says four, but the app reads two, and a terminal is small
     for count in range(1, MAX_QR_CODES + 1):
         codes = [_qr_code(part) for part in qr_payloads(count)]
-        width = max(code.symbol_size(border=QR_BORDER_MODULES)[0] for code in codes)
+        width = max(code.symbol_size(border=border)[0] for code in codes)
         if width <= columns and (width + 1) // 2 + 2 <= lines:
             break
     else:
@@ -142,8 +128,9 @@ def _show_codes() -> None:
         )
     for k, code in enumerate(codes):
         drawn = io.StringIO()
-        code.terminal(drawn, border=QR_BORDER_MODULES, compact=True)
-        rows = (f"{WHITE_ON_BLACK}{line}{PLAIN}" for line in drawn.getvalue().splitlines())
+        code.terminal(drawn, border=border, compact=True)
+        # White on black, as the characters are the light modules, and a terminal's own colours may be reversed.
+        rows = (f"\033[97;40m{line}\033[0m" for line in drawn.getvalue().splitlines())
         print("\n".join(rows), file=for_rich(sys.stdout))
         if count > 1:
             print(f"code {k + 1} of {count}: scan it, then press Enter", flush=True)

@@ -21,9 +21,6 @@ from pbd.plots.findings import OFF_SIGMAS
 from pbd.pose import quat_inverse, quat_rotate
 from pbd.view.terminal_tables import make_table
 
-HARDLY_MOVED_M = 0.0005
-"""Largest motion of the other keyframes, m, that a message calls hardly any: their errors hardly correlate."""
-
 
 def run(args: argparse.Namespace) -> None:
     """Add a touch-up to keyframes.toml, or undo the last one, and print what it moves."""
@@ -108,5 +105,5 @@ def _report(args: argparse.Namespace, placed: KeyframesInBase, before: TouchedUp
         meant = f"if it alone belongs elsewhere, {_undo_command(args)}, and again with --only"
         warn(f"keyframe {args.keyframe} was off by {off}, and the others go along; {meant}")
     others = np.delete(moved_m, args.keyframe)
-    if others.max(initial=0.0) < HARDLY_MOVED_M < moved_m[args.keyframe]:
+    if others.max(initial=0.0) < 0.0005 < moved_m[args.keyframe]:
         say(f"the others hardly move: their errors have little in common with those of keyframe {args.keyframe}")

@@ -22,12 +22,6 @@ from pbd.tracking.keyframes import keyframes_of
 LIMIT_TOLERANCE = 1e-6
 """Largest excess of a given joint over its limit, rad or m. Limits are printed in rounded degrees."""
 
-MAYBE_RAD_BELOW = 2.0 * np.pi
-"""Largest angle, as typed, that may be rad instead of degrees. A second decimal, as in 1.57, makes that likely."""
-
-BASE_NOTE_START = "base is "
-"""Beginning of a robot's note about the direction in which its base points."""
-
 
 def run(args: argparse.Namespace) -> None:
     """Find the dock's pose, check that the robot reaches it, and write it."""
@@ -52,7 +46,7 @@ def run(args: argparse.Namespace) -> None:
     )
     if robot is not None and args.position is not None:
         for note in robot.notes:
-            if note.startswith(BASE_NOTE_START):
+            if note.startswith("base is "):  # where it points
                 say(note)
     if robot is not None and robot.dock is not None and robot.dock.scale != calibration.scale:
         both = f"{path} has scale = {calibration.scale:g}, {robot.name}'s own dock {robot.dock.scale:g}"
@@ -119,9 +113,9 @@ def _tool_at_joints(joints: list[float], robot: Robot | None) -> Pose:
 
 
 def _doubt_degrees(what: str, option: str, angles: Array) -> None:
-    """Warn if angles (n,), degrees, may be rad."""
+    """Warn if angles (n,), degrees, may be rad: up to a turn, and with a second decimal, as 1.57."""
     largest = np.abs(angles).max()
-    if largest <= MAYBE_RAD_BELOW and (np.round(angles, 1) != angles).any():
+    if largest <= 2.0 * np.pi and (np.round(angles, 1) != angles).any():
         beyond = amount(largest, "degree", ".3g")
         warn(f"no {what} is beyond {beyond}; {option} takes degrees, so if they are rad, convert them")
 

@@ -29,9 +29,6 @@ from pbd.tracking.keyframes import find_keyframes
 from pbd.view.calibration_tables import points_table
 from pbd.view.terminal_tables import print_table
 
-REPORTED_DEG = 0.5
-"""Largest sigma of nav's heading from the sensor's tilt error, degrees, that is not reported: 4 mm at half a metre."""
-
 
 def run(args: argparse.Namespace) -> None:
     """Track, match stops with points, fit nav in base, write it, and report its uncertainty."""
@@ -95,7 +92,7 @@ def run(args: argparse.Namespace) -> None:
         + (f"; scale {fit.scale:.4f} to {fit.scale_sigma:.4f}" if args.find_scale else "")
     )
     if fit.chi2 <= POOR_CHI2:
-        say(f"the points fit as expected ({_misfit(fit)} the tracker's uncertainty)")
+        say(f"the points fit as expected ({np.sqrt(fit.chi2):.1f} times the tracker's uncertainty)")
     # The accelerometer's bias tilts nav in another direction where the sensor starts with another heading.
     of_tilt_deg = tan_dip * float(np.degrees(np.sqrt(np.trace(keyframes[0].cov[3:5, 3:5]))))
     _say_where_it_holds(args, part, float(np.degrees(sigma[5])), of_tilt_deg)
@@ -118,13 +115,9 @@ def _figures(fit: PointFit) -> dict[str, float]:
     return figures | {"chi2": round(fit.chi2, 3)}
 
 
-def _misfit(fit: PointFit) -> str:
-    return f"{np.sqrt(fit.chi2):.1f} times"
-
-
 def _judge(args: argparse.Namespace, path: Path, calibration: Calibration, part: str, fit: PointFit) -> None:
     """Refuse or warn of points that fit badly (`judge_fit`)."""
-    what = f"the points fit {_misfit(fit)} worse than the tracker's uncertainty predicts"
+    what = f"the points fit {np.sqrt(fit.chi2):.1f} times worse than the tracker's uncertainty predicts"
     again = "touch them again, more calmly, or correct their coordinates, the tip in [mount]"
     if calibration.scale != 1.0 and not args.find_scale:
         again += f" or the scale of {calibration.scale:g} there (--find-scale finds it)"
@@ -139,7 +132,7 @@ def _say_where_it_holds(args: argparse.Namespace, part: str, sigma_deg: float, o
     there = f"at that point (to {args.sigma_mm:g} mm: --sigma-mm)"
     angle = amount(args.sigma_deg, "degree", "g")
     turned = "" if part == "nav" else f" and with the same rotation (to {angle}: --sigma-deg)"
-    if part == "nav" and of_tilt_deg > REPORTED_DEG:
+    if part == "nav" and of_tilt_deg > 0.5:  # 4 mm at half a metre
         turned = (
             f"; with another heading there, nav's is known to {np.hypot(sigma_deg, of_tilt_deg):.1f} degrees only: "
             "`pbd calibrate sensor` betters that"

@@ -20,10 +20,6 @@ COMPLETED = {
 }
 """Metavar -> how to complete it: the name of a shell function, and a command that lists the user's own values."""
 
-_BASH = '_pbd_{name}() {{ compgen -W "{known} $({own})" -- "$1"; }}\n'
-_ZSH = "_pbd_{name}() {{ compadd -- {known} $({own}); }}\n"
-_FISH = "function _pbd_{name}\n  string split -n ' ' -- '{known}'\n  {own}\nend\n"
-
 
 class PrintCompletion(argparse.Action):
     """Prints the completion script of a shell, and exits."""
@@ -44,7 +40,11 @@ class PrintCompletion(argparse.Action):
                 argument.complete = {"bash": function, "zsh": function, "fish": f"({function})"}  # type: ignore[attr-defined]
             elif argument.metavar in ("FILE", "DIR"):
                 argument.complete = shtab.FILE if argument.metavar == "FILE" else shtab.DIRECTORY  # type: ignore[attr-defined]
-        template = {"bash": _BASH, "zsh": _ZSH, "fish": _FISH}.get(str(values), "")
+        template = {
+            "bash": '_pbd_{name}() {{ compgen -W "{known} $({own})" -- "$1"; }}\n',
+            "zsh": "_pbd_{name}() {{ compadd -- {known} $({own}); }}\n",
+            "fish": "function _pbd_{name}\n  string split -n ' ' -- '{known}'\n  {own}\nend\n",
+        }.get(str(values), "")
         bundled = _bundled()
         functions = (
             template.format(name=name, own=own, known=" ".join(bundled[name]))

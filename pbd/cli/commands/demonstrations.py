@@ -103,15 +103,15 @@ def import_(parser: ArgumentParser) -> None:
     option(parser, "name", "NAME", "the new demonstration's name (in ./demos) or folder")
     column = (
         "t, gx, gy, gz, ax, ay, az, mx, my, mz, heading, pitch, roll, dt (time since the row before) or grip (1 is "
+        "closed), and the file's name for it; -NAME flips its sign, or means that 1 is open"
     )
-    column += "closed), and the file's name for it; -NAME flips its sign, or means that 1 is open"
     option(parser, "--column", "OURS=THEIRS", column, type=pair, action=AppendOnce, default=[])
     unit = "unit of t, gyr, acc, mag or angle, such as t=ms, gyr=deg/s, acc=g; -UNIT flips the signs"
     option(parser, "--unit", "WHAT=UNIT", unit, type=pair, action=AppendOnce, default=[])
     sensor = (
         "the sensor that recorded it, as `pbd record` names it, such as witmotion: tracking then expects its usual "
+        "errors, and its calibration knows it; of a raw.bin, its protocol"
     )
-    sensor += "errors, and its calibration knows it; of a raw.bin, its protocol"
     option(parser, "--sensor", "SENSOR", sensor)
     option(parser, "--rate", "HZ", "sample rate of a raw.bin, or of a table without right times", type=positive)
     option(parser, "--grip", None, "find the grips that two quick taps on the sensor's back marked", choices=("tap",))

@@ -108,4 +108,3 @@ def robots(parser: ArgumentParser) -> None:
     option(parser, "--suggest", "FILE", missing, type=Path)
     add_accept_gap(parser)
     add_table(parser, units="m")
-    parser.set_defaults(method="default")

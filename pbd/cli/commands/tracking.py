@@ -18,7 +18,6 @@ from pbd.cli.options import (
     thing_keyframes,
 )
 
-FIGURE_FORMATS = ("png", "svg", "pdf")
 MOST_JOBS = 256
 """Largest number of processes of `pbd check`: more than the cores of a workstation."""
 
@@ -98,7 +97,7 @@ def plot(parser: ArgumentParser) -> None:
     several = "names (in ./demos, or bundled), folders, or recordings (.csv, .txt, .npz); two or more are compared"
     option(parser, "demos", "DEMO", f"{several}; default: the newest in ./demos, else 'pouring'", nargs="*")
     option(parser, "--save", "DIR", "folder for the files (./plots/NAME); older figures are replaced", type=Path)
-    option(parser, "--format", None, "format of the files (png)", choices=FIGURE_FORMATS, default="png")
+    option(parser, "--format", None, "format of the files (png)", choices=("png", "svg", "pdf"), default="png")
     add_table(parser, units="cm,deg")
     add_tracking(parser, calibration="none")
 

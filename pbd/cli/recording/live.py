@@ -9,9 +9,6 @@ from pbd.record.person_messages import in_cm
 from pbd.record.session_types import Message, Outcome, Status
 from pbd.view.live_view import LivePicture, LiveView, State
 
-PAGE_EVERY_S = 0.05
-"""Period of the browser's updates, s."""
-
 
 class LiveScreen:
     """Shows each status in the browser, then on the screen; on the screen alone after the browser failed."""

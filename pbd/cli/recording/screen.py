@@ -14,16 +14,11 @@ from pbd.record.session_types import Message, Status
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType
 
-LINES_KEPT, OTHER_LINES = 6, 11
-"""Largest number of messages in the panel; number of its lines that are no messages."""
+LINES_KEPT = 6
+"""Largest number of messages in the panel."""
 
 KEYS_LINE = "Enter ends · space grips or lets go · q discards"
 TRACKING_LINE = "on disk; now the whole recording is tracked ..."
-PLAIN_EVERY_S = 2.0
-"""Period of `PlainScreen`'s lines about the state, s."""
-
-BAR_WIDTH, PANEL_WIDTH = 20, 78
-"""Characters."""
 
 
 class PlainScreen:
@@ -46,7 +41,7 @@ class PlainScreen:
             self._title = ""
         for message in status.messages:
             _print(f"{message.t:7.1f} s  {message.text}{self._bell if message.bell else ''}")
-        if time.monotonic() - self._shown_s >= PLAIN_EVERY_S:
+        if time.monotonic() - self._shown_s >= 2.0:
             self._shown_s = time.monotonic()
             _print(f"{status.t:7.1f} s  {state(status)}; {health(status)}")
 
@@ -68,7 +63,7 @@ class PanelScreen:
         self._lines: list[Message] = []
         self._question = ""
         self._console: Console = SafeConsole(sys.stderr)
-        self._live = Live(console=self._console, auto_refresh=False, transient=False)
+        self._live = Live(console=self._console, auto_refresh=False)
 
     def __enter__(self) -> Self:
         with suppress(OSError):
@@ -114,7 +109,7 @@ class PanelScreen:
         table.rows[-1].style = "yellow" if over else ""
         table.add_row("sensor", health(status))
         table.add_row("grip", "closed" if status.closed else "open")
-        kept = self._lines[-max(1, min(LINES_KEPT, self._console.height - OTHER_LINES)) :]
+        kept = self._lines[-max(1, min(LINES_KEPT, self._console.height - 11)) :]  # eleven others
         lines = [Text(f"{say.t:6.1f} s  {say.text}", style="bold" if say.bell else "") for say in kept]
         question = TRACKING_LINE if status.ended else self._question
         keys = Text(question or KEYS_LINE, style="bold" if question else "dim")
@@ -122,7 +117,7 @@ class PanelScreen:
             Group(table, Text(), *lines, Text(), keys),
             title=Text(self._title),
             title_align="left",
-            width=min(PANEL_WIDTH, self._console.width),
+            width=min(78, self._console.width),
         )
 
 
@@ -140,6 +135,5 @@ def health(status: Status) -> str:
 
 
 def bar(share: float) -> str:
-    """Draw a bar for a share of the tolerance."""
-    full = min(BAR_WIDTH, round(BAR_WIDTH * share))
-    return "█" * full + "·" * (BAR_WIDTH - full)
+    """Draw a bar of 20 characters for a share of the tolerance."""
+    return f"{'█' * min(20, round(20 * share)):·<20}"

@@ -14,15 +14,6 @@ from pbd.sensors.protocols import protocol
 from pbd.simulation.emulator import Emulator
 from pbd.simulation.simulate import simulate
 
-BAUD = 115200
-"""Baud rate of the pseudo-terminal, which ignores it."""
-
-FIRST_TASK = "pour"
-"""Task of `--sensor sim`, which names none."""
-
-DEVICE = 0
-"""Seed of the simulated device's errors."""
-
 Show = Callable[[Status], None]
 
 
@@ -45,7 +36,7 @@ class SimulatedHand:
 
     def open(self) -> Port:
         """Open the port and start the task."""
-        port = open_port(self._emulator.device, BAUD)
+        port = open_port(self._emulator.device, 115200)  # a baud rate, which a pseudo-terminal ignores
         self._emulator.play()
         return port
 
@@ -82,12 +73,12 @@ class SimulatedHand:
 
 
 def simulated_hand(task: str, stack: ExitStack) -> SimulatedHand:
-    """Make a hand that does a task of pbd.simulation. The sensor is always the same device; its noise differs.
+    """Make a hand that does a task of pbd.simulation, or "pour". The sensor is always device 0; its noise differs.
 
     Raises:
         UsageError: no task has this name.
     """
-    recording = simulate(task or FIRST_TASK, "modern", seed=int(time.time()), device=DEVICE).recording
+    recording = simulate(task or "pour", "modern", seed=int(time.time()), device=0).recording
     emulator = Emulator(recording)
     stack.callback(emulator.unplug)
     return SimulatedHand(emulator, recording.grip)

@@ -2,6 +2,7 @@
 
 import argparse
 import math
+import signal
 import sys
 import time
 from collections.abc import Sequence
@@ -27,19 +28,8 @@ from pbd.files.servo_calibration import find_servo_calibration, read_servo_calib
 from pbd.pose import Array
 from pbd.view.terminal_tables import make_table, print_table
 
-MOVED_DEG = 2.0
-"""Largest motion of a joint by hand between the arm's measurement and its start, degrees."""
-
-TIMED_ROUND_TRIPS = 10
-"""Number of answers that are timed before the arm moves."""
-
-START_QUESTION = "Clear the arm's way; keep a hand at its power switch. Enter starts it; any other key cancels."
-
 UNCHANGED_NOTE = "the servos are as they were: stiff ones still hold"
 """Note on the message if the person cancels before the servos get a goal."""
-
-EXIT_STOPPED = 130
-"""Exit code after a key stopped the arm: the same as after Ctrl-C."""
 
 
 def drive_arm(args: argparse.Namespace, robot: Robot) -> int:
@@ -67,10 +57,11 @@ def drive_arm(args: argparse.Namespace, robot: Robot) -> int:
             else:
                 if not args.yes:
                     with noting(UNCHANGED_NOTE):
-                        keys.ask(START_QUESTION)
+                        way = "Clear the arm's way; keep a hand at its power switch."
+                        keys.ask(f"{way} Enter starts it; any other key cancels.")
                 now = arm.state()
                 by = np.degrees(np.abs(encoders.to_joints(now.counts) - encoders.to_joints(before.counts)).max())
-                if by > MOVED_DEG:
+                if by > 2.0:
                     what = f"the arm was moved by {by:.1f} degrees since it was measured"
                     raise SensorError(f"{what}, so the motion doesn't begin there: run it again")
                 t, goals = sample_goals(encoders, plan.trajectory, now, args.rate)
@@ -96,9 +87,9 @@ def drive_arm(args: argparse.Namespace, robot: Robot) -> int:
 
 
 def _check_pace(bus: Bus, arm: ServoArm) -> None:
-    """Refuse a serial adapter that is too slow to stop the arm in time, by the median time of an answer."""
+    """Refuse a serial adapter that is too slow to stop the arm in time, by the median time of ten answers."""
     took = []
-    for _ in range(TIMED_ROUND_TRIPS):
+    for _ in range(10):
         asked = time.monotonic()
         arm.state()
         took.append(time.monotonic() - asked)
@@ -173,7 +164,7 @@ def _report_end(
         return done.stopped.exit_code
     if done.by_hand:
         say(f"stopped by hand after {done.t:.2f} s: {holds}")
-        return EXIT_STOPPED
+        return 128 + signal.SIGINT  # as after Ctrl-C
     worst = int(np.argmax(monitor.error_deg[:-1]))
     load, celsius, volts = monitor.load.max(), monitor.celsius.max(), monitor.volts.min()
     felt = f"load up to {100 * load:.0f} %, up to {celsius:.0f} °C, at least {volts:.1f} V"
