@@ -50,7 +50,7 @@ def accelerometer_rests(acc: Array, noise: float = 0.0) -> Rests:
     """Return rests of a sensor that has only an accelerometer."""
     k = len(acc)
     start = np.arange(k) * 200
-    return Rests(start, start + 100, np.ones(k), acc, None, None, noise, 0.0, 0.0)
+    return Rests(start, start + 100, acc, None, None, noise, 0.0, 0.0)
 
 
 # --- rests ------------------------------------------------------------------------------------------------------------
