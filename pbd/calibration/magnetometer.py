@@ -80,7 +80,7 @@ def fit_ellipsoid(points: Array) -> tuple[Array, Array]:
 
 
 def _fit_well_turned(mag: Array, noise: float) -> tuple[Array, Array, float]:
-    """Fit an ellipsoid to readings (n, 3) uT, with noise of sigma uT, of a sensor that was turned to all sides.
+    """Fit an ellipsoid to readings (n, 3) uT, of sigma `noise`, of a sensor that must have been turned to all sides.
 
     Returns:
         centre (3,) uT, matrix (3, 3) of determinant 1, and the field's strength, uT.

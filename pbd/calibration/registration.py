@@ -198,7 +198,7 @@ def register(problem: RegistrationProblem, left_out: Sequence[int] = ()) -> Regi
         return whiten @ misfit(problem, *at(x)).ravel() - by_error @ x[len(where) :]
 
     def derivative(x: Array) -> Array:
-        """With respect to a further step, which a small rotation from the start hardly differs from."""
+        """By a further step from there: exact if the rotation is about one axis or small; the minimum is the same."""
         return np.hstack((whiten @ jacobian(problem, *at(x)), -by_error))
 
     first = np.zeros(len(where) + 3 * len(left_out))

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pbd.calibration.tool_poses import KeyframesInBase, tool_poses
-from pbd.calibration.uncertainty import joint_tool_covariances, of_each, tool_covariances
+from pbd.calibration.uncertainty import diagonal_blocks, joint_tool_covariances, tool_covariances
 from pbd.data import HandPath, Keyframe, TouchUp
 from pbd.errors import warn
 from pbd.pose import Array, Pose, quat_rotate
@@ -112,7 +112,7 @@ def touched_covariances(placed: KeyframesInBase) -> dict[str, Array]:
     joint = {part: touched.kept @ cov @ touched.kept.T for part, cov in joint_tool_covariances(placed).items()}
     if touched.noise.any():
         joint["touch-ups"] = touched.noise
-    return {part: of_each(cov) for part, cov in joint.items()}
+    return {part: diagonal_blocks(cov) for part, cov in joint.items()}
 
 
 def _touch_ups_of(path: HandPath | None) -> tuple[TouchUp, ...]:

@@ -42,10 +42,10 @@ def tool_covariances(placed: KeyframesInBase) -> dict[str, Array]:
     sensor in nav, l the tool in sensor axes: the uncertainty of each of them, propagated to first order. With a fixed
     orientation R_k is that of keyframe 0. A mount that was never calibrated counts as exact.
     """
-    return {part: of_each(cov) for part, cov in joint_tool_covariances(placed).items()}
+    return {part: diagonal_blocks(cov) for part, cov in joint_tool_covariances(placed).items()}
 
 
-def of_each(joint: Array) -> Array:
+def diagonal_blocks(joint: Array) -> Array:
     """Return the covariance (k, 6, 6) of each pose, from the joint one (6k, 6k)."""
     k = len(joint) // 6
     return joint.reshape(k, 6, k, 6)[range(k), :, range(k)]
