@@ -42,6 +42,8 @@ def tool_covariances(placed: KeyframesInBase) -> dict[str, Array]:
     sensor in nav, l the tool in sensor axes: the uncertainty of each of them, propagated to first order. With a fixed
     orientation R_k is that of keyframe 0. A mount that was never calibrated counts as exact.
     """
+    if placed.orientation == "demo":  # errors in common don't matter: each keyframe's own, as keyframes.toml has it
+        placed = replace(placed, path=None)
     return {part: diagonal_blocks(cov) for part, cov in joint_tool_covariances(placed).items()}
 
 

@@ -1,5 +1,6 @@
 """The tool's covariance in base, against finite differences of its pose."""
 
+from dataclasses import replace
 from unittest.mock import patch
 
 import numpy as np
@@ -11,7 +12,10 @@ from pbd.calibration.tool_poses import KeyframesInBase, tool_poses
 from pbd.calibration.uncertainty import joint_tool_covariances, tool_covariances
 from pbd.data import Calibration, Keyframe
 from pbd.data.calibration import DOCK_SIGMA_M
+from pbd.files.demo import load_demo
+from pbd.pipeline import track
 from pbd.pose import Array, Pose, quat_exp, quat_inverse, quat_log, quat_multiply
+from pbd.tracking.keyframes import keyframes_of
 
 T_BASE_NAV = Pose(np.array([0.4, -0.1, 0.2]), quat_exp((0.0, 0.0, 0.7)))
 T_SENSOR_TOOL = Pose(np.array([0.02, -0.01, 0.15]), quat_exp((3.0, 0.2, 0.1)))
@@ -73,3 +77,12 @@ def test_a_dock_without_a_covariance_has_the_default_sigma() -> None:
     keyframe = Keyframe(0.0, 1.0, Pose.identity(), np.zeros((6, 6)))
     parts = tool_covariances(KeyframesInBase([keyframe], Pose.identity(), calibration))
     assert_allclose(np.sqrt(np.diagonal(parts["start"][0])[:3]), DOCK_SIGMA_M)
+
+
+def test_a_keyframe_is_as_certain_as_its_person_says() -> None:
+    """By keyframes.toml, whatever the path's own covariance at that stop is."""
+    path = track(load_demo("pouring"))
+    edited = [replace(each, cov=0.01**2 * np.eye(6)) for each in keyframes_of(path)]
+    here = KeyframesInBase(edited, Pose.identity(), Calibration("c", T_base_nav=Pose.identity()), path=path)
+    for found in tool_covariances(here)["tracking"]:
+        assert_allclose(found, 0.01**2 * np.eye(6), atol=1e-12)
