@@ -31,8 +31,8 @@ from pbd.pose import Array, quat_to_matrix
 from pbd.simulation.calibration_tasks import SIDES, pivoting, sides
 from pbd.simulation.simulate import EARTH, simulate
 from pbd.tracking.keyframes import find_keyframes
-from tests.calibration.touching import touching
-from tests.calibration.turning import BAD
+from tests.calibration.device_errors import BAD
+from tests.calibration.touched_points import touching
 
 HERE = Path(__file__).parent
 X, Y, Z, INK, GREY = "#d55e00", "#009e73", "#0072b2", "#222222", "#8a8a8a"

@@ -20,7 +20,7 @@ os.environ["HYPOTHESIS_NO_PLUGINS"] = "1"
 from hypothesis import settings
 
 from pbd.files.robot import read_robot
-from tests.remembered import FUNCTIONS, reading_once, remembering
+from tests.result_cache import FUNCTIONS, reading_once, remembering
 
 
 def pytest_xdist_auto_num_workers() -> int:
@@ -74,7 +74,7 @@ def elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.fixture
-def remembered(monkeypatch: pytest.MonkeyPatch) -> None:
+def cached_results(monkeypatch: pytest.MonkeyPatch) -> None:
     """Cache tracking and planning by input, for tests of what follows them."""
     for module, function in FUNCTIONS:
         monkeypatch.setattr(importlib.import_module(module), function, remembering(module, function))

@@ -1,7 +1,8 @@
-"""Simulated recordings with ground truth, for tests."""
+"""Simulated recordings with ground truth, and recordings with changed rows and channels."""
 
 from dataclasses import replace
 from functools import cache, lru_cache
+from typing import Any
 
 import numpy as np
 import pytest
@@ -34,7 +35,7 @@ def keyframes_and_errors(
     return keyframes, np.array([np.linalg.norm(k.T_nav_sensor.p - truth_at(demo.truth, k.t)) for k in keyframes])
 
 
-def with_rows(recording: Recording, rows: NDArray[np.intp] | slice) -> Recording:
+def with_rows(recording: Recording, rows: NDArray[np.intp] | NDArray[np.bool_] | slice) -> Recording:
     """A recording with some of the rows."""
     return replace(
         recording,
@@ -51,6 +52,18 @@ def with_hole(recording: Recording, start_s: float, stop_s: float) -> Recording:
     acc = recording.acc.copy()
     acc[(recording.t >= start_s) & (recording.t < stop_s)] = np.nan
     return replace(recording, acc=acc)
+
+
+def with_channel(recording: Recording, channel: str, values: Array | None) -> Recording:
+    changes: dict[str, Any] = {channel: values}
+    return replace(recording, **changes)
+
+
+def broken(recording: Recording, channel: str, rows: slice, value: float) -> Recording:
+    """Put one value into all columns of some rows of a channel."""
+    values = np.array(getattr(recording, channel))
+    values[rows] = value
+    return with_channel(recording, channel, values)
 
 
 @cache

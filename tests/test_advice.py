@@ -17,8 +17,8 @@ from pbd.planning import PlanOptions, arm_of, choose_joints, plan_keyframes, pla
 from pbd.planning.object_frames import ThingPlace, nearest_working_place
 from pbd.planning.task import PlanningTask
 from pbd.pose import Pose
-from tests.cli.running import Capture, run
-from tests.known import known
+from tests.cli.run_command import Capture, run
+from tests.not_none import not_none
 from tests.reading_meshes import read_mesh
 from tests.test_planning import PANDA, TURN, UR5, dock, keyframe, low, planned
 
@@ -126,7 +126,7 @@ def test_a_straight_line_is_tried_before_it_is_recommended(
 
 def test_beside_a_way_around_the_dock_is_not_blamed_for_a_curve() -> None:
     """A line allows no way around, so it can't be had, from whatever dock."""
-    plan = plan_path(track(load_demo("pouring")), known(PANDA.dock), PANDA)
+    plan = plan_path(track(load_demo("pouring")), not_none(PANDA.dock), PANDA)
     around = replace(plan, segments=(*plan.segments[:-1], replace(plan.segments[-1], kind="detour")))
     assert remarks(around, None)[-1].endswith("from a straight line; --path-tolerance would forbid the way around")
 

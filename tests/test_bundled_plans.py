@@ -59,7 +59,7 @@ def written() -> dict[tuple[str, str], Outcome]:
 WRITTEN = written() if FILE.is_file() else {}
 
 
-@pytest.mark.usefixtures("remembered", "unadvised")
+@pytest.mark.usefixtures("cached_results", "unadvised")
 @pytest.mark.parametrize("robot", NAMES)
 @pytest.mark.parametrize("demo", DEMOS)
 def test_a_bundled_plan_is_as_it_was(demo: str, robot: str) -> None:

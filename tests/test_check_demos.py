@@ -19,7 +19,7 @@ from pbd.pose import quat_about_z, quat_rotate
 from pbd.simulation.hand_motion import Waypoint
 from pbd.simulation.simulate import random_task, simulate
 from pbd.simulation.tasks import Task
-from tests.cli.running import Capture, refused, run, run_json
+from tests.cli.run_command import Capture, refused, run, run_json
 
 
 @pytest.fixture

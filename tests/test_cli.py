@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.cli.running import Capture, refused, run, run_json, write_recording
+from tests.cli.run_command import Capture, refused, run, run_json, write_recording
 
-pytestmark = pytest.mark.usefixtures("elsewhere", "remembered", "unadvised")
+pytestmark = pytest.mark.usefixtures("elsewhere", "cached_results", "unadvised")
 
 POSE_KEYS = {"index", "t_s", "dwell_s", "position_m", "wxyz", "sigma_m", "sigma_deg", "weight", "grip"}
 

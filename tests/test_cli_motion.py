@@ -15,9 +15,9 @@ from pbd.files.robot import load_robot
 from pbd.pipeline import track
 from pbd.planning import plan_path
 from tests.arm.bundled import FOLDER
-from tests.cli.running import Capture, refused, run, run_json
+from tests.cli.run_command import Capture, refused, run, run_json
 
-pytestmark = pytest.mark.usefixtures("elsewhere", "remembered", "unadvised")
+pytestmark = pytest.mark.usefixtures("elsewhere", "cached_results", "unadvised")
 
 PANDA = ("--robot", "panda")
 

@@ -11,9 +11,9 @@ from PIL import Image
 from pbd.cli import main
 from pbd.files.demo import load_demo
 from pbd.plots import compare_figures, figures
-from tests.cli.running import Capture, run, run_json
+from tests.cli.run_command import Capture, run, run_json
 
-pytestmark = pytest.mark.usefixtures("elsewhere", "remembered")
+pytestmark = pytest.mark.usefixtures("elsewhere", "cached_results")
 
 
 @pytest.fixture

@@ -19,7 +19,7 @@ def blocks(page: Path, language: str) -> list[str]:
 
 
 @pytest.mark.parametrize("page", [page for page in PAGES if blocks(page, "python")], ids=lambda page: page.stem)
-@pytest.mark.usefixtures("remembered")
+@pytest.mark.usefixtures("cached_results")
 def test_the_examples_run(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The blocks of a page run in order and share their names. Exports are of a shorter demonstration."""
     monkeypatch.chdir(tmp_path)

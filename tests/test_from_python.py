@@ -241,7 +241,7 @@ def test_modules_are_there_after_import_pbd_alone(name: str) -> None:
     subprocess.run([sys.executable, "-c", f"import pbd; pbd.{name}"], check=True)
 
 
-@pytest.mark.usefixtures("remembered")
+@pytest.mark.usefixtures("cached_results")
 def test_a_page_is_written_from_python(tmp_path: Path) -> None:
     from pbd.planning import plan_path
     from pbd.replay import replay_scene

@@ -16,9 +16,9 @@ from pathlib import Path
 import pytest
 
 from pbd.cli import main
-from tests.messages_bench import lay_out
+from tests.faulty_inputs import write_faulty_inputs
 
-pytestmark = pytest.mark.usefixtures("remembered")
+pytestmark = pytest.mark.usefixtures("cached_results")
 
 FILE = Path(__file__).with_name("messages.txt")
 PROMPT = "$ pbd "
@@ -55,7 +55,7 @@ WRITTEN = written()
 @pytest.fixture(scope="module")
 def bench(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("bench")
-    lay_out(folder)
+    write_faulty_inputs(folder)
     return folder
 
 
@@ -68,7 +68,7 @@ def test_it_says_what_is_written(bench: Path, monkeypatch: pytest.MonkeyPatch, c
 def write_anew() -> None:
     """Run every command of the file, and write the file with the present messages."""
     with tempfile.TemporaryDirectory() as folder:
-        lay_out(Path(folder))
+        write_faulty_inputs(Path(folder))
         os.chdir(folder)
         blocks = [f"{PROMPT}{command}\n{said(command).rstrip()}\n" for command in WRITTEN]
     FILE.write_text("\n".join(blocks), encoding="utf-8")

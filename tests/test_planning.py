@@ -38,7 +38,7 @@ from pbd.planning.preconditions import check_certainty
 from pbd.pose import Array, Pose, quat_exp
 from pbd.tracking.keyframes import find_keyframes
 from tests.arm.bundled import keyframes_of, path_of
-from tests.remembered import remembering
+from tests.result_cache import remembering
 
 PANDA, UR5 = pbd.load_robot("panda"), pbd.load_robot("ur5")
 plan_once = remembering("pbd.planning.plan", "plan_keyframes")

@@ -19,7 +19,7 @@ from pbd.simulation.tasks import HEADING, Task
 from pbd.tracking.keyframes import keyframes_of
 
 # Who asks the same is answered the same (tests/test_same_bytes.py).
-pytestmark = pytest.mark.usefixtures("remembered", "unadvised")
+pytestmark = pytest.mark.usefixtures("cached_results", "unadvised")
 
 BOTTLE = (0.12, 0.05, -0.10)
 FETCH = Task(

@@ -80,7 +80,7 @@ def test_a_name_is_refused_and_the_function_that_loads_it_is_named(message: str)
     assert str(caught.value) == message
 
 
-@pytest.mark.usefixtures("remembered")
+@pytest.mark.usefixtures("cached_results")
 def test_plan_refuses_a_robots_name_and_a_robot_without_a_dock() -> None:
     plan: Callable[..., object] = pbd.plan
     path = pbd.track(pbd.load_demo("pouring"))
@@ -94,7 +94,7 @@ def test_plan_refuses_a_robots_name_and_a_robot_without_a_dock() -> None:
         plan(path, Calibration("x"), pbd.load_robot("ur5"), {})  # an empty dict is not "no options"
 
 
-@pytest.mark.usefixtures("remembered")
+@pytest.mark.usefixtures("cached_results")
 def test_export_refuses_a_robots_name_and_a_rate_in_quotes(tmp_path: Path) -> None:
     export: Callable[..., object] = pbd.export
     robot, file = pbd.load_robot("panda"), tmp_path / "motion.csv"

@@ -22,7 +22,7 @@ DEMOS = ("pouring", "paper-test1", "paper-test2")
 
 @cache
 def arm_of(name: str) -> ArmModel:
-    """The arm that the commands use in the same process too (see tests/remembered.py)."""
+    """The arm that the commands use in the same process too (see tests/result_cache.py)."""
     return planning.arm_of(robot.read_robot(FOLDER / f"{name}.toml"))
 
 

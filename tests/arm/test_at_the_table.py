@@ -15,16 +15,16 @@ from pbd.planning import Plan, PlanOptions, plan_keyframes
 from pbd.pose import Pose, quat_exp
 from pbd.replay import detours
 from tests.arm.bundled import arm_of
-from tests.known import known
+from tests.not_none import not_none
 
 CUP = GraspedObject("cylinder", (0.05, 0.12))
 
 
 def along_the_table(robot: Robot, seed: int) -> list[Keyframe]:
     """Move from the dock down to the table, along it to the cup, and up with the cup, with random rotations."""
-    dock = known(robot.dock)
+    dock = not_none(robot.dock)
     rng = np.random.default_rng(seed)
-    low = known(dock.table_height) - known(dock.T_base_dock).p[2] + 0.5 * CUP.size[-1]
+    low = not_none(dock.table_height) - not_none(dock.T_base_dock).p[2] + 0.5 * CUP.size[-1]
     beside, cup = (rng.uniform((-0.1, -0.1), (0.1, 0.4)) for _ in range(2))
     places = [(0.0, 0.0, 0.0), (*beside, low), (*cup, low), (*cup, low + 0.1)]
     turns = [0.0, *rng.uniform(-2.5, 2.5, 3)]
@@ -40,7 +40,7 @@ def test_a_line_along_the_table_leads_to_a_grasp() -> None:
     """Of 120 random motions, this one fails if the cup counts as held on the way to it."""
     robot = pbd.load_robot("panda")
     alone = PlanOptions(path="line", approach=False, retreat=False)
-    plan = plan_keyframes(along_the_table(robot, 16), known(robot.dock), robot, alone, None, CUP)
+    plan = plan_keyframes(along_the_table(robot, 16), not_none(robot.dock), robot, alone, None, CUP)
     assert {way.kind for way in plan.segments[1:]} == {LINE}
 
 
@@ -61,7 +61,7 @@ def test_the_object_is_held_from_its_keyframe_on() -> None:
 def carried(*obstacles: Obstacle, y: float) -> Plan:
     """Plan: the cup is grasped at y, m, moved aside and never released; the arm retreats with it."""
     robot = pbd.load_robot("panda")
-    dock = known(robot.dock)
+    dock = not_none(robot.dock)
     assert dock.T_base_dock is not None
     assert dock.table_height is not None
     low = dock.table_height - dock.T_base_dock.p[2] + 0.5 * CUP.size[-1]
@@ -75,7 +75,7 @@ def carried(*obstacles: Obstacle, y: float) -> Plan:
 
 
 def test_a_held_object_may_touch_its_support_at_the_last_keyframe() -> None:
-    back = known(carried(y=0.1).retreat)
+    back = not_none(carried(y=0.1).retreat)
     assert back.kind == STRAIGHT
 
 
@@ -83,5 +83,5 @@ def test_a_detour_of_the_retreat_carries_the_object() -> None:
     wall = Obstacle("the wall", "box", (0.8, 0.02, 1.1), Pose.from_rpy((0.55, 0.22, 0.35), (0.0, 0.0, 0.0)))
     with pytest.warns(PbdWarning, match="^on its way back the arm goes around the wall"):
         plan = carried(wall, y=0.5)
-    assert known(plan.retreat).kind == DETOUR
+    assert not_none(plan.retreat).kind == DETOUR
     assert detours(plan) == ((plan.trajectory.keyframe_t[-1], plan.trajectory.duration),)

@@ -30,7 +30,7 @@ from pbd.pose import Array, Pose
 from tests.arm.bundled import arm_of
 from tests.arm.collision_oracles import first_hit
 from tests.benchmarks.scenes import made, travel
-from tests.known import known
+from tests.not_none import not_none
 
 ARM = arm_of("panda")
 HOME = ARM.robot.home
@@ -110,7 +110,7 @@ def test_without_obstacles_all_moves_are_straight() -> None:
     assert kinds(motion) == [STRAIGHT, STRAIGHT]
     np.testing.assert_array_equal(motion.segments[1].q, motion.q[1:])
     assert motion.segments[1].off_line_m > 0.001
-    np.testing.assert_array_equal(known(motion.retreat).q[-1], HOME)
+    np.testing.assert_array_equal(not_none(motion.retreat).q[-1], HOME)
 
 
 def test_a_barred_move_is_avoided_by_another_configuration() -> None:
@@ -128,7 +128,7 @@ def test_a_barred_move_is_avoided_by_another_configuration() -> None:
 def test_the_hands_path_leads_over_a_wall() -> None:
     motion = chosen((LEFT, RIGHT), WALL, approach=False, hand_paths=lambda: [OVER])
     assert kinds(motion) == [STRAIGHT, DEMO]
-    avoided = known(motion.segments[1].avoided)
+    avoided = not_none(motion.segments[1].avoided)
     assert avoided.second == "the wall"
     assert places(motion.segments[1].q)[:, 2].max() > 0.19
 
@@ -206,7 +206,7 @@ def test_a_path_on_which_the_tool_touches_is_not_followed(around: tuple[Motion, 
     assert not followed
     scene = CollisionScene(ARM, None, PLATE)
     line_of_tool = line(LEFT, RIGHT)
-    hit = known(scene.tool_hit(line_of_tool, GraspState()))
+    hit = not_none(scene.tool_hit(line_of_tool, GraspState()))
     assert hit.second == "the plate"
     assert scene.tool_hit(line_of_tool[:5], GraspState()) is None
 
@@ -249,7 +249,7 @@ def test_a_known_detour_is_bent_to_joints_nearby_without_getting_longer(around: 
     scene = CollisionScene(ARM, None, PLATE)
     start, goal = way[-1] + 0.02, way[0] - 0.02
     assert bend_detour(scene, GraspState(), start, goal, []) is None
-    back = known(bend_detour(scene, GraspState(), start, goal, [way]))
+    back = not_none(bend_detour(scene, GraspState(), start, goal, [way]))
     assert (back[[0, -1]] == (start, goal)).all()
     assert scene.is_free(back, GraspState())
     assert np.abs(np.diff(back, axis=0)).sum() < 1.1 * np.abs(np.diff(way, axis=0)).sum()
@@ -262,7 +262,7 @@ def test_a_known_detour_is_bent_to_joints_nearby_without_getting_longer(around: 
 
 def test_no_known_detour_is_bent_where_the_straight_move_is_free(around: tuple[Motion, list[object]]) -> None:
     way = np.vstack((around[0].q[0], around[0].segments[1].q))
-    found = known(bend_detour(CollisionScene(ARM), GraspState(), way[0], way[-1], [way]))
+    found = not_none(bend_detour(CollisionScene(ARM), GraspState(), way[0], way[-1], [way]))
     assert found.tolist() == way[[0, -1]].tolist()
 
 
@@ -272,7 +272,7 @@ def test_a_known_detour_that_is_wider_than_it_need_be_is_brought_nearer_to_the_s
     way = np.vstack((around[0].q[0], around[0].segments[1].q))
     scene, straight = CollisionScene(ARM, None, PLATE), np.linspace(way[0], way[-1], len(way))
     wide = straight + 1.5 * (way - straight)
-    found = known(bend_detour(scene, GraspState(), way[0], way[-1], [wide]))
+    found = not_none(bend_detour(scene, GraspState(), way[0], way[-1], [wide]))
     share = np.linalg.norm(found - straight) / np.linalg.norm(wide - straight)
     assert share < 1.0
     assert found == pytest.approx(straight + share * (wide - straight))
@@ -436,7 +436,7 @@ def test_a_detour_from_home_and_back(end: str) -> None:
     with pytest.warns(PbdWarning, match="the arm goes around the wall"):
         found = chosen(poses, [wall], **request)
     detour = found.segments[0] if end == "approach" else found.retreat
-    assert known(detour).kind == DETOUR
+    assert not_none(detour).kind == DETOUR
 
 
 @pytest.mark.parametrize("kind", [LINE, DEMO])

@@ -19,7 +19,7 @@ from pbd.planning.preconditions import warn_of_frames
 from pbd.pose import Array, Pose, quat_from_rpy
 from tests.arm.bundled import NAMES, arm_of
 from tests.arm.collision_oracles import coordinates, placements
-from tests.known import known
+from tests.not_none import not_none
 
 WITHOUT = ("ur3", "ur5", "ur10", "xarm7")
 DOWN = quat_from_rpy((np.pi, 0.0, 0.0))
@@ -27,8 +27,8 @@ DOWN = quat_from_rpy((np.pi, 0.0, 0.0))
 
 def at(arm: ArmModel, z: float, roll: float = 0.0) -> Array:
     """Return joints with the tool over the dock at a height in base, m, pointing down or tilted."""
-    dock = known(arm.robot.dock)
-    x, y, _ = known(dock.T_base_dock).p
+    dock = not_none(arm.robot.dock)
+    x, y, _ = not_none(dock.T_base_dock).p
     result = solve(arm, Pose(np.array([x, y, z]), quat_from_rpy((np.pi + roll, 0.0, 0.0))), arm.robot.home)
     assert result.reached
     return result.q
@@ -68,7 +68,7 @@ def test_the_tool_may_come_down_to_the_table_and_no_farther(name: str) -> None:
     scene = CollisionScene(arm, 0.0)
     for roll in (0.0, 0.4):
         assert scene.hit(at(arm, 0.0, roll)) is None
-    hit = known(scene.hit(at(arm, -0.02)))
+    hit = not_none(scene.hit(at(arm, -0.02)))
     assert (hit.first, hit.second) == (THE_TOOL, TABLE)
     assert hit.distance == pytest.approx(ROD_SHORT_M - 0.02, abs=1e-4)
 
@@ -91,7 +91,7 @@ def test_the_rod_may_touch_the_object_but_no_obstacle(name: str) -> None:
 @pytest.mark.parametrize("name", ["panda", "z1", "so100", "so101"])
 def test_jaws_that_open_along_another_axis_are_warned_of(name: str) -> None:
     arm = arm_of(name)
-    along = known(opening_direction(arm))
+    along = not_none(opening_direction(arm))
     assert abs(along[0]) > np.cos(np.radians(13.0))
     with warnings.catch_warnings():
         warnings.simplefilter("error")

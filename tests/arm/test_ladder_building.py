@@ -13,7 +13,7 @@ from pbd.errors import PlanError
 from pbd.pose import Array, Pose
 from tests.arm.bundled import arm_of
 from tests.arm.conftest import changed, random_joints
-from tests.arm.straight import solve_path
+from tests.arm.straight_moves import solve_path
 
 
 def travel(path: Array) -> float:

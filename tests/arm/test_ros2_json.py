@@ -19,9 +19,9 @@ from pbd.files.exporters.controller_interpolation import limit_shares
 from pbd.files.exporters.ros2_json import _apart
 from pbd.planning import PlanOptions
 from tests.arm.bundled import arm_of, keyframes_of, path_of
-from tests.arm.controller import Controller, refuse, seconds
-from tests.arm.straight import time_keyframes
-from tests.remembered import remembering
+from tests.arm.ros2_controller import Controller, refuse, seconds
+from tests.arm.straight_moves import time_keyframes
+from tests.result_cache import remembering
 
 MOTIONS = [
     ("panda", "pouring", "keyframes"),

@@ -16,7 +16,7 @@ from pbd.data import JointTrajectory, Robot
 from pbd.errors import PlanError
 from pbd.pose import Array, Pose
 from tests.arm.conftest import changed, random_joints
-from tests.arm.straight import time_keyframes
+from tests.arm.straight_moves import time_keyframes
 
 GRIPS = (None, True, None, False, None)
 

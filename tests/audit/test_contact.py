@@ -26,8 +26,8 @@ from pbd.planning import plan_keyframes
 from pbd.pose import Array, Pose
 from tests.arm.bundled import arm_of, keyframes_of, path_of
 from tests.arm.conftest import random_joints
-from tests.arm.dense import Dense
-from tests.arm.straight import time_keyframes
+from tests.arm.dense_collision_check import Dense
+from tests.arm.straight_moves import time_keyframes
 from tests.audit.test_audit import changed_sample
 
 PANDA = arm_of("panda").robot

@@ -24,7 +24,7 @@ from pbd.data.world import ObjectPhase
 from pbd.pose import Pose
 from tests.arm.bundled import NAMES, arm_of
 from tests.arm.conftest import random_joints
-from tests.arm.straight import solve_path, time_keyframes
+from tests.arm.straight_moves import solve_path, time_keyframes
 from tests.near import assert_near
 
 BOTTLE = GraspedObject("cylinder", (0.07, 0.2))

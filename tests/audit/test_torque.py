@@ -18,7 +18,7 @@ from pbd.planning import Plan, PlanOptions, plan_keyframes
 from pbd.pose import Array, Pose
 from tests.arm.bundled import FOLDER, KINDS, arm_of, keyframes_of
 from tests.audit.mujoco_arm import MujocoArm
-from tests.known import known
+from tests.not_none import not_none
 
 PENDULUM = """<robot name="pendulum">
 <link name="room"/><link name="base"/>
@@ -133,7 +133,7 @@ LIFT, POUR = slice(0, 4), slice(3, 7)
 
 def planned(name: str, part: slice = LIFT, **options: float) -> Plan:
     robot, keyframes = arm_of(name).robot, keyframes_of("pouring")[part]
-    return plan_keyframes(keyframes, known(robot.dock), robot, PlanOptions(**options))  # type: ignore[arg-type]
+    return plan_keyframes(keyframes, not_none(robot.dock), robot, PlanOptions(**options))  # type: ignore[arg-type]
 
 
 def mujoco_torques(robot: Robot, trajectory: JointTrajectory, t: Array, load: Load) -> Array:
@@ -172,8 +172,8 @@ def test_an_object_weighs_only_while_it_is_held() -> None:
 def test_near_the_limit_is_warned() -> None:
     with pytest.warns(PbdWarning, match=r"panda_joint2 needs .* carrying 3 kg: 97 % of its torque limit of 87 N m"):
         report = planned("panda", payload=3.0).report
-    assert known(report.torque).share == pytest.approx(0.97, abs=0.01)
-    bare = known(planned("panda").report.torque)
+    assert not_none(report.torque).share == pytest.approx(0.97, abs=0.01)
+    bare = not_none(planned("panda").report.torque)
     assert bare.share == pytest.approx(0.66, abs=0.01)
 
 
@@ -213,7 +213,7 @@ def test_a_load_above_the_rated_payload_is_warned_of_though_the_torques_are_low(
     rated = "the rated payload of ur5 is 5 kg, and it would carry {} kg: carry less, or ask its maker whether it may"
     with pytest.warns(PbdWarning, match=f"^{rated.format(8)}$"):
         report = planned("ur5", payload=8.0).report
-    assert known(report.torque).share < 0.5
+    assert not_none(report.torque).share < 0.5
     with warnings.catch_warnings():
         warnings.simplefilter("error", PbdWarning)
         planned("ur5", payload=5.0)
@@ -226,7 +226,7 @@ def test_without_torque_limits_a_payload_gives_a_warning() -> None:
     robot = arm_of("panda").robot
     robot = replace(robot, limits=replace(robot.limits, effort=None))
     with pytest.warns(PbdWarning, match="torques are not checked despite 2 kg"):
-        plan = plan_keyframes(keyframes_of("pouring")[LIFT], known(robot.dock), robot, PlanOptions(payload=2.0))
+        plan = plan_keyframes(keyframes_of("pouring")[LIFT], not_none(robot.dock), robot, PlanOptions(payload=2.0))
     assert plan.report.torque is None
 
 

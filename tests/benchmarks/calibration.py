@@ -49,8 +49,8 @@ from pbd.simulation.simulate import EARTH, simulate
 from pbd.simulation.tasks import Task
 from pbd.tracking.keyframes import find_keyframes
 from tests.benchmarks.report import arguments, finish
-from tests.calibration.touching import Touching, touching
-from tests.calibration.turning import BAD, WT901, device, symmetric
+from tests.calibration.device_errors import BAD, WT901, device, symmetric
+from tests.calibration.touched_points import Touching, touching
 
 TIP = (0.03, -0.02, 0.0933)
 """m: 10 cm long."""

@@ -27,7 +27,7 @@ from pbd.files.find_by_name import names
 from pbd.files.robot import load_robot
 from pbd.pose import Array, Pose
 from tests.arm.collision_oracles import first_hit, links_touching, links_watched, raw_meshes
-from tests.arm.straight import time_keyframes
+from tests.arm.straight_moves import time_keyframes
 from tests.benchmarks.report import arguments, finish, median_ms
 
 BALL = GraspedObject("sphere", (0.03,))

@@ -24,7 +24,7 @@ from pbd.errors import PbdError
 from pbd.sensors.protocols import PROTOCOLS
 from tests.benchmarks.report import arguments, finish
 from tests.benchmarks.wires import FASTEST, MIXED, Wire
-from tests.sensors.streams import mutated, parts_of, unexplained
+from tests.sensors.decoder_checks import mutated, parts_of, unexplained
 
 HANG_S = 1.0
 WINDOW = 64  # pieces that a sample may have come from

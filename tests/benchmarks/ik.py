@@ -33,7 +33,7 @@ from pbd.errors import PlanError
 from pbd.files.find_by_name import names
 from pbd.files.robot import load_robot
 from pbd.pose import Array, Pose
-from tests.arm.straight import solve_path
+from tests.arm.straight_moves import solve_path
 from tests.benchmarks.report import arguments, finish
 
 TOLERANCE = 1e-5

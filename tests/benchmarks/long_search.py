@@ -17,7 +17,7 @@ from pbd.arm.gripper import tool_rod
 from pbd.arm.model import ArmModel, to_se3
 from pbd.data import JointTrajectory, Obstacle
 from pbd.pose import Array, Pose
-from tests.arm.dense import Dense
+from tests.arm.dense_collision_check import Dense
 
 RESOLUTION_RAD = 0.02
 GOALS, SEEDS = 16, 400

@@ -23,7 +23,7 @@ from pbd.replay import replay_scene
 from pbd.tracking.keyframes import find_keyframes
 from pbd.view.page import write_page
 from tests.arm.collision_oracles import first_hit
-from tests.arm.straight import solve_path, time_keyframes
+from tests.arm.straight_moves import solve_path, time_keyframes
 from tests.benchmarks.report import arguments, finish, median_ms
 
 

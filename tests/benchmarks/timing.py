@@ -36,7 +36,7 @@ from pbd.planning import PlanOptions, arm_of, plan_keyframes, scene_of
 from pbd.pose import Array
 from pbd.tracking.keyframes import find_keyframes
 from tests.arm.collision_oracles import first_hit
-from tests.arm.straight import solve_path, time_keyframes
+from tests.arm.straight_moves import solve_path, time_keyframes
 from tests.arm.toppra_oracle import toppra_duration
 from tests.benchmarks.report import arguments, finish, median_ms
 

@@ -11,8 +11,8 @@ from pbd.sensors.line_layout import layout_from_options
 from pbd.sensors.lines import LineDecoder
 from pbd.sensors.phyphox.answers import BUFFERS
 from pbd.sensors.protocols import PROTOCOLS
+from tests.sensors.decoder_checks import Checked, Make
 from tests.sensors.encoders import gamepad, os5000, razor, vectornav, witmotion, ximu3, xsens
-from tests.sensors.streams import Checked, Make
 
 COLUMNS = "t,ax,ay,az,gx,gy,gz,mx,my,mz"
 

@@ -13,8 +13,8 @@ from pbd.pose import Array, Pose, quat_about_z, quat_exp, quat_inverse, quat_mul
 from pbd.simulation.hand_motion import Waypoint
 from pbd.simulation.simulate import simulate
 from pbd.simulation.tasks import Task
-from tests.known import known
-from tests.tracking.stops_at import hand_path
+from tests.not_none import not_none
+from tests.tracking.hand_paths import hand_path
 
 FIELD = np.array([0.0, 19.5, -44.0])
 
@@ -62,7 +62,7 @@ def test_a_start_with_another_heading_turns_nav_by_as_much_as_its_sigma_says() -
     off = []
     for device in range(12):
         first, second = (_started(heading, device) for heading in (0.3, 0.3 + np.pi))
-        level, up = field_at_start(first[0], known(known(first[0].tracking).recording.mag))
+        level, up = field_at_start(first[0], not_none(not_none(first[0].tracking).recording.mag))
         fit = {"chi2": 1.0, "heading_deg": 0.0, "field_level": level, "field_up": up}
         fit["sensor_heading_deg"] = np.degrees(sensor_heading(first[0].wxyz_nav_sensor[0]))
         calibration = Calibration(
@@ -81,4 +81,4 @@ def _started(heading: float, device: int) -> tuple[HandPath, float]:
     waypoints = (Waypoint(rest_s=2.0), Waypoint((0.2, 0.0, 0.0), move_s=1.0, rest_s=1.0))
     demo = simulate(Task("start", waypoints, start_rpy=(0.0, 0.0, heading)), "modern", round(heading), device=device)
     path = track(demo.recording)
-    return path, yaw_toward(path.wxyz_nav_sensor[0], known(demo.truth).wxyz_nav_sensor[0])
+    return path, yaw_toward(path.wxyz_nav_sensor[0], not_none(demo.truth).wxyz_nav_sensor[0])

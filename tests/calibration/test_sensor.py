@@ -24,8 +24,8 @@ from pbd.simulation.hand_motion import Waypoint
 from pbd.simulation.simulate import EARTH, simulate
 from pbd.simulation.tasks import Task
 from pbd.tracking.noise import CALIBRATED
-from tests.calibration.turning import BAD, device, symmetric
-from tests.known import known
+from tests.calibration.device_errors import BAD, device, symmetric
+from tests.not_none import not_none
 
 MG = 1e-3 * GRAVITY
 SEED = 5
@@ -164,7 +164,7 @@ def test_orientations_are_counted_once() -> None:
 
 def test_a_gyro_that_shows_one_turn_much_too_large_is_refused(recording: Recording, rests: Rests) -> None:
     """Otherwise the fit would attribute it to scale and axes."""
-    gyr, up = known(recording.gyr).copy(), rests.acc / np.linalg.norm(rests.acc, axis=1, keepdims=True)
+    gyr, up = not_none(recording.gyr).copy(), rests.acc / np.linalg.norm(rests.acc, axis=1, keepdims=True)
     gyr[rests.stop[3] : rests.start[4]] *= 1.6
     with pytest.raises(CalibrationError, match=r"does not turn as gravity does \(by 11 degrees, rms\)"):
         fit_gyro(replace(recording, gyr=gyr), rests, up)
@@ -271,7 +271,7 @@ def test_a_gyro_in_another_unit_or_other_axes_is_refused(recording: Recording, r
         mag=None,
     )
     with pytest.raises(CalibrationError, match=r"does not turn as gravity does .*; is its unit rad/s"):
-        fit_gyro(replace(recording, gyr=wrong * known(recording.gyr)), few, rests.up_sensor[:4])
+        fit_gyro(replace(recording, gyr=wrong * not_none(recording.gyr)), few, rests.up_sensor[:4])
 
 
 def test_five_seconds_of_rest_determine_the_bias() -> None:
@@ -302,7 +302,7 @@ def test_hard_and_soft_iron_are_found(recording: Recording, rests: Rests) -> Non
     acc = fit_accelerometer(rests, EARTH.gravity)
     force = acc.linear.correct(rests.acc)
     up = force / np.linalg.norm(force, axis=1, keepdims=True)
-    fit = fit_magnetometer(known(recording.mag), rests, up, up_sigma(acc.linear))
+    fit = fit_magnetometer(not_none(recording.mag), rests, up, up_sigma(acc.linear))
     turned = symmetric(gains["acc"][0]) @ gains["acc"][0]
     gain, bias = gains["mag"]
     rng = np.random.default_rng(0)
@@ -319,20 +319,20 @@ def test_hard_and_soft_iron_are_found(recording: Recording, rests: Rests) -> Non
 
 def test_a_magnetometer_in_other_axes_is_remarked_on(recording: Recording) -> None:
     """Strength alone does not show it, the dip does."""
-    swapped = replace(recording, mag=known(recording.mag) * (1.0, -1.0, 1.0))
+    swapped = replace(recording, mag=not_none(recording.mag) * (1.0, -1.0, 1.0))
     fit = calibrate_sensor(swapped, gravity=EARTH.gravity)
-    assert known(fit.mag).uneven < 0.01
+    assert not_none(fit.mag).uneven < 0.01
     assert "% in strength and by" in "".join(fit.remarks)
     assert "signs of mx, my, mz" in "".join(fit.remarks)
 
 
 @pytest.mark.parametrize("axes", [(1.0, 1.0, -1.0), (1.0, -1.0, -1.0)])  # mirrored; half a turn
 def test_a_magnetometer_whose_signs_are_wrong_is_corrected_with_a_remark(recording: Recording, axes: Array) -> None:
-    right, fit = (calibrate_sensor(replace(recording, mag=known(recording.mag) * each)) for each in (1.0, axes))
+    right, fit = (calibrate_sensor(replace(recording, mag=not_none(recording.mag) * each)) for each in (1.0, axes))
     assert right.remarks == ()
     (remark,) = fit.remarks
     assert "the magnetometer's axes are turned by 17" in remark
-    assert known(fit.errors.dip) == pytest.approx(np.prod(axes) * known(right.errors.dip), abs=1e-3)
+    assert not_none(fit.errors.dip) == pytest.approx(np.prod(axes) * not_none(right.errors.dip), abs=1e-3)
 
 
 def _heading(field: Array, up: Array, axes: Array) -> float:
@@ -403,7 +403,7 @@ def test_a_magnetometer_that_was_not_turned_is_refused() -> None:
 
 def test_a_magnet_beside_three_of_twelve_rests_is_said(recording: Recording, rests: Rests) -> None:
     """One of a tenth of the field. The fit hides most of it in strength and dip; headings are off by 3.5 degrees."""
-    mag = known(recording.mag).copy()
+    mag = not_none(recording.mag).copy()
     for k, towards in zip((6, 7, 8), np.eye(3), strict=True):
         mag[rests.start[k] - 50 : rests.stop[k] + 50] += 5.0 * towards
     fit = calibrate_sensor(replace(recording, mag=mag), gravity=EARTH.gravity)
@@ -417,8 +417,11 @@ def test_a_field_that_differs_from_rest_to_rest_is_said(
     recording: Recording, rests: Rests, calibrated: SensorFit, seed: int, any_ut: float, north_ut: float
 ) -> None:
     """The fit takes a part of twelve dips, and a stronger north hardly shows in them."""
-    mag, rng = known(recording.mag).copy(), np.random.default_rng(seed)
-    north, up = known(calibrated.errors.mag).correct(known(rests.mag)), known(calibrated.errors.acc).correct(rests.acc)
+    mag, rng = not_none(recording.mag).copy(), np.random.default_rng(seed)
+    north, up = (
+        not_none(calibrated.errors.mag).correct(not_none(rests.mag)),
+        not_none(calibrated.errors.acc).correct(rests.acc),
+    )
     north -= (north * up).sum(axis=1, keepdims=True) / (up**2).sum(axis=1, keepdims=True) * up
     for start, stop, towards in zip(rests.start, rests.stop, north, strict=True):
         along_north = towards / np.linalg.norm(towards)
@@ -431,13 +434,13 @@ def test_the_sigma_of_hard_iron_is_that_of_its_error_where_the_field_differs_fro
     rests: Rests, calibrated: SensorFit
 ) -> None:
     """The room's field changes gradually as the sensor goes from rest to rest; the loss is robust."""
-    demo, clean, off = simulate(sides(SEED), BAD, SEED), known(calibrated.errors.mag), []
-    ends, wxyz = np.column_stack((rests.start, rests.stop)).ravel(), quat_inverse(known(demo.truth).wxyz_nav_sensor)
+    demo, clean, off = simulate(sides(SEED), BAD, SEED), not_none(calibrated.errors.mag), []
+    ends, wxyz = np.column_stack((rests.start, rests.stop)).ravel(), quat_inverse(not_none(demo.truth).wxyz_nav_sensor)
     for seed in range(30):
         at_rest = np.repeat(4.0 * np.random.default_rng(seed).normal(size=(len(rests), 3)), 2, axis=0)
         uneven = np.transpose([np.interp(np.arange(len(wxyz)), ends, axis) for axis in at_rest.T])
-        moved = replace(demo.recording, mag=known(demo.recording.mag) + quat_rotate(wxyz, uneven))
-        fit = known(calibrate_sensor(moved, only=("mag",), known=calibrated.errors).errors.mag)
+        moved = replace(demo.recording, mag=not_none(demo.recording.mag) + quat_rotate(wxyz, uneven))
+        fit = not_none(calibrate_sensor(moved, only=("mag",), known=calibrated.errors).errors.mag)
         off.append((fit.bias - clean.bias) / fit.bias_sigma)
     assert 0.85 < np.sqrt(np.mean(np.square(off))) < 1.15
 
@@ -445,16 +448,16 @@ def test_the_sigma_of_hard_iron_is_that_of_its_error_where_the_field_differs_fro
 def test_an_unknown_gravity_makes_the_accelerometers_scale_as_uncertain(recording: Recording) -> None:
     """A reading of 1 g at 9.78 or 9.82 m/s2 looks the same; the vertical has the same direction in both."""
     known_g, unknown_g = (calibrate_sensor(recording, gravity=gravity).errors for gravity in (GRAVITY, None))
-    at = known(known_g.acc).matrix_sigma, known(unknown_g.acc).matrix_sigma
+    at = not_none(known_g.acc).matrix_sigma, not_none(unknown_g.acc).matrix_sigma
     assert at[1] == pytest.approx(np.hypot(at[0], (9.82 - 9.78) / 2.0 / GRAVITY), rel=1e-3)
-    assert known(unknown_g.gyr).matrix_sigma == known(known_g.gyr).matrix_sigma
+    assert not_none(unknown_g.gyr).matrix_sigma == not_none(known_g.gyr).matrix_sigma
 
 
 def test_a_magnet_that_the_sensor_is_turned_beside_leaves_the_magnetometer_out(
     recording: Recording, rests: Rests
 ) -> None:
     """Where the field differs by most of itself, a matrix near zero, or a mirror, fits: it is no calibration."""
-    mag, rng = known(recording.mag).copy(), np.random.default_rng(1)
+    mag, rng = not_none(recording.mag).copy(), np.random.default_rng(1)
     for start, stop in zip(rests.start, rests.stop, strict=True):
         mag[start - 50 : stop + 50] += 25.0 * rng.normal(size=3)
     fit = calibrate_sensor(replace(recording, mag=mag), gravity=EARTH.gravity)
@@ -475,12 +478,12 @@ def test_an_accelerometer_that_no_correction_fits_is_remarked_on(recording: Reco
     fit = calibrate_sensor(drifted, gravity=EARTH.gravity)
     assert "mg (rms): the sensor was not still in a rest" in fit.remarks[0]
     for found, at_end in ((fit.errors.acc, 15.0 * MG), (fit.errors.gyr, np.radians(0.15))):
-        assert np.all(known(found).bias_sigma > 0.25 * at_end)
+        assert np.all(not_none(found).bias_sigma > 0.25 * at_end)
 
 
 def test_rests_that_a_drifting_gyro_takes_for_turns_are_told(recording: Recording) -> None:
     drift = np.radians(np.linspace(-0.5, 0.5, len(recording)))[:, None] * (0.0, 0.0, 1.0)
-    fit = calibrate_sensor(replace(recording, gyr=known(recording.gyr) + drift), gravity=EARTH.gravity)
+    fit = calibrate_sensor(replace(recording, gyr=not_none(recording.gyr) + drift), gravity=EARTH.gravity)
     assert len(fit.rests) < 12
     left_out = f"{12 - len(fit.rests)} rests of 12 left out: the gyro's reading differs by more than 0.3"
     assert fit.remarks[0].startswith(left_out)
@@ -512,8 +515,8 @@ def test_a_corrected_recording_reads_gravity_no_rate_and_one_field(recording: Re
     assert fit.errors.temperature_c == 21.0
     true = find_rests(corrected(recording, fit.errors))
     assert_allclose(np.linalg.norm(true.acc, axis=1), EARTH.gravity, atol=1.0 * MG)
-    assert_allclose(known(true.gyr), 0.0, atol=np.radians(0.05))
-    assert_allclose(np.linalg.norm(known(true.mag), axis=1), known(fit.errors.field), rtol=0.01)
+    assert_allclose(not_none(true.gyr), 0.0, atol=np.radians(0.05))
+    assert_allclose(np.linalg.norm(not_none(true.mag), axis=1), not_none(fit.errors.field), rtol=0.01)
     assert corrected(recording, None) is recording
 
 
@@ -555,7 +558,7 @@ def test_a_gyro_that_was_not_turned_between_rests_has_no_known_scale() -> None:
 
 def test_a_magnetometer_that_was_not_turned_far_enough_is_left_out(recording: Recording, calibrated: SensorFit) -> None:
     """What is known of it is kept, and the rest is calibrated; named with `only`, it must succeed."""
-    flat = replace(recording, mag=known(recording.mag) * (1.0, 1.0, 0.001))
+    flat = replace(recording, mag=not_none(recording.mag) * (1.0, 1.0, 0.001))
     fit = calibrate_sensor(flat, gravity=EARTH.gravity, known=calibrated.errors)
     assert [remark[:75] for remark in fit.remarks] == [
         "the magnetometer is left out: the magnetometer was not turned far enough: a"

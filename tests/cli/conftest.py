@@ -4,5 +4,5 @@ import pytest
 
 
 @pytest.fixture(autouse=True)
-def quick(remembered: None, unadvised: None) -> None:
+def quick(cached_results: None, unadvised: None) -> None:
     """Track and plan each input once, without a plan for advice."""

@@ -19,9 +19,9 @@ from pbd.pipeline import track
 from pbd.planning import plan
 from pbd.pose import Pose, quat_exp, quat_rotate
 from pbd.simulation.simulate import simulate
-from tests.calibration.touching import Touching, touching
-from tests.cli.running import Capture, refused, run, run_json
-from tests.known import known
+from tests.calibration.touched_points import Touching, touching
+from tests.cli.run_command import Capture, refused, run, run_json
+from tests.not_none import not_none
 
 pytestmark = pytest.mark.usefixtures("elsewhere")
 
@@ -61,7 +61,7 @@ def test_a_dock_that_is_moved_stays_turned_as_it_was(capsys: Capture) -> None:
     moved = ("calibrate", "dock", "bench", "--position", "0.5", "0.1", "0.2")
     err = run(capsys, *moved)[2]
     assert "(1.0, -2.0, 30.0) degrees, as given, with its former rotation (--rpy changes it); " in err
-    dock = known(read_calibration(Path("calibration/bench.toml")).T_base_dock)
+    dock = not_none(read_calibration(Path("calibration/bench.toml")).T_base_dock)
     asked = Pose.from_rpy((0.5, 0.1, 0.2), np.radians((1.0, -2.0, 30.0)))
     assert dock.distance(asked) == pytest.approx((0.0, 0.0), abs=1e-5)
     assert "(0.0, 0.0, 0.0) degrees, as given; " in run(capsys, *moved, "--rpy", "0", "0", "0")[2]
@@ -79,7 +79,7 @@ def test_a_dock_where_the_robot_stands(capsys: Capture) -> None:
     T_base_tool = load_model(load_robot("panda")).forward(np.radians(np.array(joints, dtype=float)))
     assert told["tool"]["position_m"] == pytest.approx(T_base_tool.p)
     calibration = read_calibration(Path("calibration/bench.toml"))
-    metres, rad = (known(calibration.T_base_dock) @ calibration.T_sensor_tool).distance(T_base_tool)
+    metres, rad = (not_none(calibration.T_base_dock) @ calibration.T_sensor_tool).distance(T_base_tool)
     assert metres < 1e-4
     assert rad < 1e-4
 
@@ -90,7 +90,7 @@ def test_a_dock_where_a_demonstration_stopped(capsys: Capture) -> None:
     rows = run_json(capsys, "keyframes", "pouring", "--calibration", "bench")["keyframes"]
     shelf = read_calibration(Path("calibration/shelf.toml"))
     assert shelf.cov_base is not None
-    assert known(shelf.T_base_dock).p == pytest.approx(rows[4]["base_position_m"], abs=2e-5)
+    assert not_none(shelf.T_base_dock).p == pytest.approx(rows[4]["base_position_m"], abs=2e-5)
     sigma = np.sqrt(np.diagonal(shelf.cov_base)[:3])  # of that keyframe, and of putting it down: the tool is the sensor
     assert sigma == pytest.approx(np.hypot(rows[4]["base_sigma_m"], 0.003), rel=1e-3)
     line = refused(
@@ -176,7 +176,7 @@ def test_points_put_the_demonstration_into_base(capsys: Capture, touched: Touchi
     result = run_json(capsys, *POINTS)
     assert [row["stop"] for row in result["points"]] == [1, 2, 3, 4, 5, 6]
     assert all(row["used"] for row in result["points"])
-    T_base_nav = known(read_calibration(Path("calibration/bench.toml")).T_base_nav)
+    T_base_nav = not_none(read_calibration(Path("calibration/bench.toml")).T_base_nav)
     metres, rad = T_base_nav.distance(touched.T_base_nav)
     assert metres < 4.0 * np.linalg.norm(result["nav"]["sigma_m"])
     assert rad < np.radians(1.0)
@@ -215,7 +215,7 @@ def test_a_wrong_point_is_told_by_its_name(capsys: Capture, touched: Touching) -
     assert err.startswith("pbd: warning: the point 'C' (stop 3) is wrong: it lies ")
     assert "; check its coordinates and the order (--any-order finds it), or touch it again" in err
     assert [line.split()[0] for line in out.splitlines() if "wrong, left out" in line] == ["C"]
-    T_base_nav = known(read_calibration(Path("calibration/bench.toml")).T_base_nav)
+    T_base_nav = not_none(read_calibration(Path("calibration/bench.toml")).T_base_nav)
     assert T_base_nav.distance(touched.T_base_nav)[0] < 0.01
 
 
@@ -224,7 +224,7 @@ def test_two_points_in_each_others_place_are_exchanged(capsys: Capture, touched:
     err = run(capsys, *POINTS)[2]
     assert "warning: rows 2 and 3 of the points fit if they were touched in each other's place, so they are" in err
     assert "wrong" not in err
-    T_base_nav = known(read_calibration(Path("calibration/bench.toml")).T_base_nav)
+    T_base_nav = not_none(read_calibration(Path("calibration/bench.toml")).T_base_nav)
     assert T_base_nav.distance(touched.T_base_nav)[0] < 0.01
 
 
@@ -269,7 +269,7 @@ def test_a_dock_is_not_replaced_unasked(capsys: Capture, touched: Touching) -> N
     assert Path("calibration/bench.toml").read_text() == before
     assert run(capsys, *POINTS, "--as", "dock")[0] == 0
     calibration = read_calibration(Path("calibration/bench.toml"))
-    assert known(calibration.T_base_dock).p == pytest.approx(touched.T_base_nav.p, abs=0.01)
+    assert not_none(calibration.T_base_dock).p == pytest.approx(touched.T_base_nav.p, abs=0.01)
     assert run(capsys, *POINTS, "--force")[0] == 0
     assert read_calibration(Path("calibration/bench.toml")).T_base_dock is None
 
@@ -334,7 +334,7 @@ def test_a_magnetic_nav_is_not_for_another_field(capsys: Capture, touched: Touch
     run(capsys, *POINTS)
     sigma = {}
     for name, uT in (("same", 0.0), ("weak", 0.5), ("magnet", 5.0)):
-        mag = known(touched.demo.recording.mag)
+        mag = not_none(touched.demo.recording.mag)
         other = replace(touched.demo.recording, mag=mag + uT * np.array([0.6, 0.0, 0.8]))
         write_demo(replace(touched.demo, recording=other), Path("demos") / name)
         by = ("--calibration", "bench")

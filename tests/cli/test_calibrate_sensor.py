@@ -27,9 +27,9 @@ from pbd.simulation.hand_motion import Waypoint
 from pbd.simulation.simulate import simulate
 from pbd.simulation.tasks import Task, random_task
 from pbd.tracking.keyframes import find_keyframes
-from tests.calibration.turning import BAD
-from tests.cli.running import Capture, refused, run, run_json
-from tests.known import known
+from tests.calibration.device_errors import BAD
+from tests.cli.run_command import Capture, refused, run, run_json
+from tests.not_none import not_none
 from tests.scenarios import keyframes_and_errors
 
 pytestmark = pytest.mark.usefixtures("elsewhere")
@@ -68,7 +68,7 @@ def bench(recorded: Path, capsys: Capture) -> Path:
 
 def test_a_calibrated_sensor_tracks_better(bench: Path) -> None:
     demo = simulate("pour", BAD, 1)
-    truth = known(demo.truth)
+    truth = not_none(demo.truth)
     worst = []
     for calibration in (None, read_calibration(bench)):
         with warnings.catch_warnings():
@@ -255,7 +255,7 @@ def test_a_tip_is_pivoted_and_its_rotation_turned(capsys: Capture) -> None:
     run_json(capsys, "calibrate", "mount", "bench", "turns", "--turns", "x,-x,z")
     _, out, err = run(capsys, "calibrate", "mount", "bench", "turns", "--turns", "x,-x,z")
     assert "turns about two axes fit wrong signs, or another two axes, just as well" in err
-    shown = known(re.search(r"the approach \(z\) +\((\S+), (\S+), (\S+)\)", out))
+    shown = not_none(re.search(r"the approach \(z\) +\((\S+), (\S+), (\S+)\)", out))
     assert [float(each) for each in shown.groups()] == pytest.approx(z, abs=0.03)
     moves = re.findall(r"move (\d), about (\S+) +(\d+)° +axis (\d\.\d)° off", out)
     assert [(int(move), axis) for move, axis, *_ in moves] == [(0, "x"), (1, "-x"), (2, "z")]
@@ -267,7 +267,7 @@ def test_a_tip_is_pivoted_and_its_rotation_turned(capsys: Capture) -> None:
     assert calibration.T_sensor_tool.p == pytest.approx(TIP, abs=0.001)
     turn = quat_log(quat_multiply(calibration.T_sensor_tool.wxyz, quat_exp((-2.9, -0.3, 0.2))))
     assert np.degrees(np.linalg.norm(turn)) < 1.0
-    sigma = np.sqrt(np.diagonal(known(calibration.cov_sensor_tool)))
+    sigma = np.sqrt(np.diagonal(not_none(calibration.cov_sensor_tool)))
     assert np.all(sigma[:3] > 0.0)
     assert np.all(sigma[3:] > 0.0)
     assert calibration.residuals["mount.pivot_stops"] == 10
@@ -323,11 +323,11 @@ def test_a_tip_that_slipped_does_not_replace_a_good_lever(capsys: Capture) -> No
 
 
 def test_a_disturbed_field_recommends_a_dock(capsys: Capture) -> None:
-    from tests.calibration.touching import touching
+    from tests.calibration.touched_points import touching
 
     touched = touching(3, 6, "modern")
     recording = touched.demo.recording
-    iron = known(recording.mag) + np.array((25.0, 0.0, 0.0))  # a hard iron that nobody calibrated
+    iron = not_none(recording.mag) + np.array((25.0, 0.0, 0.0))  # a hard iron that nobody calibrated
     save("iron", replace(touched.demo, recording=replace(recording, mag=iron)))
     save("bare", replace(touched.demo, recording=replace(recording, mag=None, info=RecordingInfo(sensor="modern"))))
     save("good", touched.demo)

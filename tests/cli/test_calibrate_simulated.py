@@ -17,7 +17,7 @@ from pbd.pose import Pose, quat_about_z
 from pbd.simulation.calibration_tasks import CALIBRATION_TASKS, DOCK, PIVOT_TIP, TOUCHED, YAW_WORLD_BASE
 from pbd.simulation.sensor_model import SENSOR_MODELS
 from pbd.simulation.simulate import simulate
-from tests.calibration.turning import device
+from tests.calibration.device_errors import device
 from tests.test_docs import ROOT, blocks
 
 pytestmark = pytest.mark.usefixtures("elsewhere")

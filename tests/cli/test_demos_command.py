@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from pbd.files.demo import load_demo
-from tests.cli.running import Capture, run, run_json
+from tests.cli.run_command import Capture, run, run_json
 
 pytestmark = pytest.mark.usefixtures("empty_folder")
 

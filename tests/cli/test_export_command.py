@@ -13,7 +13,7 @@ from pbd.cli import main
 from pbd.files.demo import load_demo, write_demo
 from pbd.files.exporters import DATASETS, FORMATS, SUFFIXES
 from pbd.io.atomic import refuse_output
-from tests.cli.running import Capture, refused
+from tests.cli.run_command import Capture, refused
 
 pytestmark = pytest.mark.usefixtures("elsewhere")
 

@@ -15,7 +15,7 @@ from pbd.fusion.tables import held_alike
 from pbd.pipeline import track
 from pbd.pose import Pose, quat_exp
 from tests.benchmarks.fuse import Scenario, takes_of
-from tests.cli.running import Capture, refused, run, run_json
+from tests.cli.run_command import Capture, refused, run, run_json
 
 
 @pytest.fixture(scope="module")

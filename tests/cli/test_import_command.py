@@ -18,8 +18,8 @@ from pbd.files.demo import newest_demo, read_demo, write_demo
 from pbd.files.importers.columns import WHY_UNUSED
 from pbd.pipeline import track
 from pbd.simulation.simulate import simulate
-from tests.cli.running import HEADER, write_recording
-from tests.record.speakers import SPEAKERS, random_hand
+from tests.cli.run_command import HEADER, write_recording
+from tests.record.emulated_sensors import SPEAKERS, random_hand
 from tests.tracking.tapping import tapped
 
 

@@ -8,7 +8,7 @@ from pbd.cli import main
 from pbd.errors import PbdError
 from pbd.io.atomic import DEMONSTRATION_FILES, refuse_output
 from pbd.view.page import page_html
-from tests.unprivileged import as_a_user
+from tests.system_failures import as_a_user
 
 Capture = pytest.CaptureFixture[str]
 

@@ -16,8 +16,8 @@ from PIL import Image
 
 from pbd.sensors.phyphox.answers import BUFFERS
 from pbd.sensors.phyphox.experiment import BUFFER_ROWS, experiment, qr_payloads
-from tests.cli.running import Capture, run, run_json
-from tests.cli.terminal import Terminal
+from tests.cli.pbd_process import Terminal
+from tests.cli.run_command import Capture, run, run_json
 
 
 def in_the_app(codes: list[bytes]) -> str:

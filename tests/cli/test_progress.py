@@ -11,8 +11,8 @@ import pytest
 from pbd.cli.console import _Countdown, listening
 from pbd.files.demo import write_demo
 from pbd.simulation.simulate import simulate
-from tests.cli.running import Capture
-from tests.cli.terminal import Terminal
+from tests.cli.pbd_process import Terminal
+from tests.cli.run_command import Capture
 
 SCRIPT = """
 import sys, time

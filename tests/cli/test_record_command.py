@@ -31,11 +31,11 @@ from pbd.sensors import probe
 from pbd.sensors.port import PortInfo
 from pbd.simulation.emulator import Emulator
 from pbd.simulation.simulate import simulate
-from tests.cli.running import Capture, refused, run
-from tests.cli.terminal import Terminal, run_pbd
-from tests.known import known
+from tests.cli.pbd_process import Terminal, run_pbd
+from tests.cli.run_command import Capture, refused, run
+from tests.not_none import not_none
+from tests.record.emulated_sensors import SPEAKERS, Device, random_hand
 from tests.record.phone import Phone, streams_of
-from tests.record.speakers import SPEAKERS, Device, random_hand
 
 
 def test_at_a_terminal(tmp_path: Path) -> None:
@@ -136,7 +136,7 @@ def test_stopped_for_a_while_it_goes_on(tmp_path: Path) -> None:
         stood_s = time.monotonic() - stopped
         process.send_signal(signal.SIGCONT)
         out, error = process.communicate(timeout=60)
-    told = known(re.search(r"this program did not run for ([\d.]+) s", error))
+    told = not_none(re.search(r"this program did not run for ([\d.]+) s", error))
     assert float(told[1]) > stood_s - 0.1
     assert "ended: 3 s recorded" in out
     assert process.returncode == 0
@@ -156,7 +156,7 @@ def test_nobody_reads_what_it_prints(tmp_path: Path) -> None:
 
 def test_without_a_terminal_it_prints_lines_and_a_signal_ends_it(tmp_path: Path) -> None:
     process = run_pbd("record", "tea", "--sensor", "sim", "--json", cwd=tmp_path)
-    for line in known(process.stderr):
+    for line in not_none(process.stderr):
         if "you may move" in line:
             break
     process.send_signal(signal.SIGTERM)
@@ -211,7 +211,7 @@ def test_a_killed_forced_recording_leaves_the_old_one_beside_and_the_next_does_s
     before = (tmp_path / "demos" / "tea" / "imu.csv").read_bytes()
     (tmp_path / "demos" / "tea" / "keyframes.toml").write_text("as a person left it")
     process = run_pbd("record", "tea", "--sensor", "sim", "--force", cwd=tmp_path)
-    told = next(line for line in known(process.stderr) if "demos/tea.before" in line)
+    told = next(line for line in not_none(process.stderr) if "demos/tea.before" in line)
     assert told.endswith("the old one is in demos/tea.before\n")
     process.kill()
     process.communicate(timeout=60)
@@ -470,4 +470,4 @@ def test_raw_bytes_of_lines_are_decoded_again(tmp_path: Path, monkeypatch: pytes
     assert len(tea) >= 78
     assert again.t == pytest.approx(tea.t, abs=1e-6)
     assert again.acc == pytest.approx(tea.acc, abs=1e-5)
-    assert np.isfinite(known(again.gyr)).all()
+    assert np.isfinite(not_none(again.gyr)).all()

@@ -18,7 +18,7 @@ from pbd.sensors.protocols import protocol
 from pbd.simulation.emulator import Emulator
 from pbd.tracking.repair.splices import refuse_doubled
 from tests.cli.test_recording_screen import STILL
-from tests.record.speakers import random_hand
+from tests.record.emulated_sensors import random_hand
 
 OPEN = replace(STILL, closed=False, messages=())
 HAND = random_hand(400, seed=1)

@@ -34,7 +34,7 @@ from pbd.pose import Pose, quat_exp, quat_multiply, quat_rotate
 from pbd.view.units import Units
 from tests.arm.bundled import keyframes_of
 from tests.arm.test_own_robot import own_toml, own_urdf
-from tests.cli.running import Capture, refused, run, run_json
+from tests.cli.run_command import Capture, refused, run, run_json
 from tests.test_docs import ROOT
 
 TOML = Path("robots") / "mine.toml"

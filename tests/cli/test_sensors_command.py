@@ -9,7 +9,7 @@ from pbd.cli import main
 from pbd.sensors import probe
 from pbd.sensors.port import PortInfo
 from pbd.sensors.protocols import PROTOCOLS
-from tests.record.speakers import SPEAKERS, Device, random_hand
+from tests.record.emulated_sensors import SPEAKERS, Device, random_hand
 
 Capture = pytest.CaptureFixture[str]
 

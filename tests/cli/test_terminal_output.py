@@ -12,7 +12,7 @@ import pytest
 
 from pbd.cli import main
 from pbd.view.terminal import SafeStream, escaped
-from tests.cli.terminal import PBD, Terminal
+from tests.cli.pbd_process import PBD, Terminal
 
 Capture = pytest.CaptureFixture[str]
 EVIL = "\x1b[2J\x9b2J\u202e[/b]:tea:"

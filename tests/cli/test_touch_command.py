@@ -16,7 +16,7 @@ from pbd.pipeline import track
 from pbd.planning import plan_path
 from pbd.replay import replay_scene
 from pbd.simulation.simulate import simulate
-from tests.cli.running import Capture, run, run_json
+from tests.cli.run_command import Capture, run, run_json
 
 BENCH = Path("calibration/bench.toml")
 

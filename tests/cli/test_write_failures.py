@@ -15,7 +15,7 @@ from pbd.cli import main
 from pbd.files.demo import write_demo
 from pbd.simulation.simulate import simulate
 from pbd.view.page import page_html
-from tests.unprivileged import as_a_user, full_disk
+from tests.system_failures import as_a_user, full_disk
 
 Capture = pytest.CaptureFixture[str]
 

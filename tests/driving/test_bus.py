@@ -13,8 +13,8 @@ from pbd.driving.servo_arm import PRESENT, release
 from pbd.driving.stream import Clock
 from pbd.errors import CalibrationError, SensorError
 from pbd.files.robot import load_robot
-from tests.driving.bench import PATIENT_S, connect
 from tests.driving.emulator import Emulator, calibration_of, resting
+from tests.driving.relaxed_timing import PATIENT_S, connect
 
 
 @pytest.fixture

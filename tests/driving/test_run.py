@@ -35,12 +35,12 @@ from pbd.pipeline import track
 from pbd.planning import Plan, PlanOptions, plan_path
 from pbd.pose import Array
 from pbd.view.terminal_tables import print_table
-from tests.cli.running import Capture, refused, run, run_json
-from tests.cli.terminal import Terminal
-from tests.driving.bench import PATIENT_PBD, PATIENT_S, UNHURRIED_S, FastClock
+from tests.cli.pbd_process import Terminal
+from tests.cli.run_command import Capture, refused, run, run_json
 from tests.driving.emulator import LEFT, Emulator, calibration_of, resting
+from tests.driving.relaxed_timing import PATIENT_PBD, PATIENT_S, UNHURRIED_S, FastClock
 
-pytestmark = pytest.mark.usefixtures("remembered", "unadvised")
+pytestmark = pytest.mark.usefixtures("cached_results", "unadvised")
 
 HOME = load_robot("so101").home
 
@@ -49,7 +49,7 @@ HOME = load_robot("so101").home
 def words(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """The options that name the calibration; the folder is empty but for it."""
     write_servo_calibration(calibration_of("so101"), tmp_path / "servos.json")
-    monkeypatch.setattr("tests.cli.terminal.PBD", PATIENT_PBD)
+    monkeypatch.setattr("tests.cli.pbd_process.PBD", PATIENT_PBD)
     monkeypatch.chdir(tmp_path)
     return ["--robot", "so101", "--servos", "servos.json"]
 

@@ -18,8 +18,8 @@ from pbd.driving.stream import Clock, StreamResult, planned_start, stream
 from pbd.errors import CalibrationError, PlanError, SensorError
 from pbd.files.robot import load_robot
 from pbd.pose import Array
-from tests.driving.bench import PATIENT_S, UNHURRIED_S, FastClock, connect
 from tests.driving.emulator import Emulator, calibration_of, resting
+from tests.driving.relaxed_timing import PATIENT_S, UNHURRIED_S, FastClock, connect
 
 RATE_HZ = 50.0
 FAULT_AT = 20

@@ -27,7 +27,7 @@ from pbd.pose import Array, quat_exp
 from pbd.simulation.calibration_tasks import CALIBRATION_TASKS
 from pbd.simulation.simulate import simulate
 from pbd.simulation.tasks import TASKS
-from tests.unprivileged import as_a_user
+from tests.system_failures import as_a_user
 
 HALF_A_DIGIT = {"t": 5e-7, "gyr": 5e-8, "acc": 5e-7, "mag": 5e-5, "device_rpy": 5e-7, "p": 5e-7, "wxyz": 5e-9}
 """Rounding error of imu.csv and truth.csv, whose numbers of decimals are fixed."""

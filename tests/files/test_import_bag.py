@@ -23,7 +23,7 @@ from pbd.pose import Array, quat_exp, quat_from_rpy
 from pbd.simulation.simulate import simulate
 from pbd.tracking.repair.repair_recording import repair_recording
 from tests.files.test_formats import planned
-from tests.known import known
+from tests.not_none import not_none
 
 Row = tuple[int, int, str, Array, Array]
 """Stamp and time of recording, ns; frame; acc and gyr, mag."""
@@ -159,8 +159,10 @@ def test_a_bag_of_ros_1_is_read_like_one_of_ros_2(tmp_path: Path, recording: Rec
 @pytest.fixture
 def rows(recording: Recording) -> list[Row]:
     ns = [1_700_000_000_000_000_000 + round(1e9 * t) for t in recording.t.tolist()]
-    values = np.hstack((recording.acc, known(recording.gyr)))
-    return [(at, at + LATE_NS, "imu", row, mag) for at, row, mag in zip(ns, values, known(recording.mag), strict=True)]
+    values = np.hstack((recording.acc, not_none(recording.gyr)))
+    return [
+        (at, at + LATE_NS, "imu", row, mag) for at, row, mag in zip(ns, values, not_none(recording.mag), strict=True)
+    ]
 
 
 @pytest.mark.parametrize("topic", [None, "/camera/gyro/sample"])
@@ -171,7 +173,7 @@ def test_accelerometer_and_gyro_may_have_topics_of_their_own(
     bag = write_bag(tmp_path / "bag", recording, ("/camera/gyro/sample", "/camera/accel/sample", *others))
     read = import_file(bag, topic=topic)
     assert_allclose(read.recording.acc, recording.acc)
-    assert_allclose(known(read.recording.gyr), known(recording.gyr))
+    assert_allclose(not_none(read.recording.gyr), not_none(recording.gyr))
     assert read.recording.info.source.of("acc")[0].name.startswith("/camera/accel/sample: linear_accel")
 
 
@@ -209,8 +211,8 @@ def test_a_driver_that_does_not_publish_tesla(tmp_path: Path, recording: Recordi
     path = write_imus(tmp_path / "bag", rows)
     with pytest.raises(RecordingError, match=r"the magnetometer reads .*--unit mag="):
         repair_recording(import_file(path).recording)
-    read = known(import_file(path, units={"mag": "uT"}).recording.mag)
-    assert_allclose(read, known(recording.mag))
+    read = not_none(import_file(path, units={"mag": "uT"}).recording.mag)
+    assert_allclose(read, not_none(recording.mag))
 
 
 def assert_same(read: Recording, written: Recording) -> None:

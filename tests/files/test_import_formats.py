@@ -14,7 +14,7 @@ from pbd.errors import PbdWarning, RecordingError
 from pbd.files.importers import import_file
 from pbd.tracking.noise import CALIBRATED, CLASSES
 from pbd.tracking.repair.clock import with_checked_times
-from tests.known import known
+from tests.not_none import not_none
 
 DEG = np.pi / 180.0
 
@@ -53,7 +53,7 @@ def test_movella_dot(tmp_path: Path) -> None:
     recording = imported(tmp_path, DOT)
     assert_allclose(recording.t, [0.0, 0.016666, 0.033333], atol=2e-6)
     assert_allclose(recording.acc[0], [0.5, 0.25, 9.75])
-    assert_allclose(known(recording.gyr)[0], [np.pi / 2, 0.0, -np.pi])
+    assert_allclose(not_none(recording.gyr)[0], [np.pi / 2, 0.0, -np.pi])
     assert recording.mag is not None
     assert recording.info.source.program == "Movella (Xsens) DOT"
     assert recording.info.source.unread["FreeAcc_X"] == "gravity, or gravity removed"
@@ -77,7 +77,7 @@ PacketCounter\tSampleTimeFine\tAcc_X\tAcc_Y\tAcc_Z\tGyr_X\tGyr_Y\tGyr_Z\tMag_X\t
 def test_xsens_mt_manager(tmp_path: Path) -> None:
     recording = imported(tmp_path, MT_MANAGER, name="MT_01200311-000.txt")
     assert_allclose(recording.t, [0.0, 0.01])
-    assert_allclose(known(recording.gyr)[0], [1.5, 0.0, -2.0])
+    assert_allclose(not_none(recording.gyr)[0], [1.5, 0.0, -2.0])
     assert CLASSES[recording.info.sensor.split()[0]] is CALIBRATED
     untimed = imported(tmp_path, re.sub(r"\t(SampleTimeFine|5000[12]00)", "", MT_MANAGER), rate_hz=100.0)
     assert untimed.info.source.program == "Xsens MT Manager"
@@ -104,7 +104,7 @@ def test_shimmer(tmp_path: Path, delimiter: str) -> None:
     recording = imported(tmp_path, SHIMMER.replace(",", delimiter))
     assert_allclose(recording.t, [0.0, 0.02], atol=1e-6)
     assert_allclose(recording.acc[0], [0.5, 0.25, 9.75])
-    assert_allclose(known(recording.gyr)[0], [np.pi / 2, 0.0, -np.pi])
+    assert_allclose(not_none(recording.gyr)[0], [np.pi / 2, 0.0, -np.pi])
     assert recording.mag is not None
     assert recording.info.source.unread["S_Hand_Accel_WR_X_RAW (no units)"] == "raw counts"
 
@@ -121,14 +121,14 @@ def test_an_ximu3s_folder(tmp_path: Path) -> None:
     assert decided(recording)["mx"] == "Magnetometer.csv: Magnetometer X (a.u.)"
     assert recording.info.source.unread == {"Quaternion.csv": "a file that isn't used"}
     assert recording.acc[0, 2] == GRAVITY
-    assert_allclose(known(recording.mag), [[1.0, 0.0, -1.0], [0.5, 0.0, -1.0]])
+    assert_allclose(not_none(recording.mag), [[1.0, 0.0, -1.0], [0.5, 0.0, -1.0]])
     its = [f"Magnetometer.csv: Magnetometer {axis} (a.u.)" for axis in "XYZ"]
-    turned = known(import_file(tmp_path, {"mx": f"-{its[2]}", "mz": its[0]}).recording.mag)
+    turned = not_none(import_file(tmp_path, {"mx": f"-{its[2]}", "mz": its[0]}).recording.mag)
     assert_allclose(turned[0], [1.0, 0.0, 1.0])
     packed = Path(shutil.make_archive(str(tmp_path.with_name("packed")), "zip", tmp_path))
     for path in (tmp_path / "Magnetometer.csv", tmp_path / "Inertial.csv", packed):
         again = import_file(path).recording
-        assert_array_equal(known(again.mag), known(recording.mag))
+        assert_array_equal(not_none(again.mag), not_none(recording.mag))
         assert_array_equal(again.acc, recording.acc)
         assert again.info.source == recording.info.source
     (tmp_path / "Inertial.csv").unlink()
@@ -157,7 +157,7 @@ def test_lines_that_sketches_print(tmp_path: Path, line: str) -> None:
     text = line[20:] + 4 * line + line[:20]  # the serial monitor was opened and closed within a line
     recording = imported(tmp_path, text, 50.0, "monitor.log")
     assert_allclose(recording.acc, np.tile([0.5, 0.25, 9.75], (len(recording), 1)))
-    assert_allclose(known(recording.gyr)[0], [1.5, 0.0, -2.0])
+    assert_allclose(not_none(recording.gyr)[0], [1.5, 0.0, -2.0])
     assert len(recording) == 4
     with pytest.raises(RecordingError, match=r"no column for t .*or with its --rate HZ"):
         imported(tmp_path, text, None, "monitor.log")
@@ -204,7 +204,7 @@ def test_units_and_rows_of_axes_that_sketches_print(tmp_path: Path, line: str, s
     text = "".join(line.format(10 * k) + "\n" for k in range(4))
     recording = imported(tmp_path, text, None if "{}" in line else 100.0, "monitor.log")
     assert_allclose(recording.acc, np.tile([1.0, 2.0, 3.0], (4, 1)) * scales[0])
-    assert_allclose(known(recording.gyr)[0], np.array([4.0, 5.0, 6.0]) * scales[1])
+    assert_allclose(not_none(recording.gyr)[0], np.array([4.0, 5.0, 6.0]) * scales[1])
     assert_allclose(recording.t, 0.01 * np.arange(4))
 
 
@@ -247,7 +247,7 @@ def test_beside_another_gyro_gx_is_gravity(tmp_path: Path) -> None:
     """Short names of AndroSensor's columns: AX, GX is gravity, GYROX the gyro."""
     header = "t,AX,AY,AZ,GX,GY,GZ,LAX,LAY,LAZ,GYROX,GYROY,GYROZ"
     read = imported(tmp_path, f"{header}\n0,1,2,9,1,2,9,0,0,0,4,5,6\n1,1,2,9,1,2,9,0,0,0,4,5,6\n")
-    assert_allclose(known(read.gyr)[0], [4.0, 5.0, 6.0])
+    assert_allclose(not_none(read.gyr)[0], [4.0, 5.0, 6.0])
 
 
 def test_gravity_is_not_said_to_be_without_gravity(tmp_path: Path) -> None:
@@ -289,7 +289,7 @@ def test_a_unit_of_angles_may_follow_the_axis(tmp_path: Path) -> None:
     """`AngleX_deg` was said to be a gyro's."""
     read = imported(tmp_path, "t,ax,ay,az,AngleX_deg,AngleY_deg,AngleZ_deg\n0,0,0,9.8,90,0,0\n1,0,0,9.8,90,0,0\n")
     assert [column.unit for column in read.info.source.of("rpy")] == ["deg"] * 3
-    assert_allclose(known(read.device_rpy)[0], [np.pi / 2, 0.0, 0.0])
+    assert_allclose(not_none(read.device_rpy)[0], [np.pi / 2, 0.0, 0.0])
     with pytest.raises(RecordingError, match="the unit 'deg' of column 'gyro_x_deg' is not known"):
         imported(tmp_path, "t,ax,ay,az,gyro_x_deg,gyro_y_deg,gyro_z_deg\n0,0,0,9.8,1,2,3\n")
 
@@ -395,8 +395,8 @@ def test_names_and_units_of_other_programs(tmp_path: Path, text: str, step_s: fl
     recording = imported(tmp_path, text)
     assert_allclose(recording.t, [0.0, step_s], atol=1e-6)
     assert_allclose(recording.acc, [[0.5, 0.25, 9.75]] * 2, rtol=1e-4)
-    assert_allclose(known(recording.gyr), [[1.5, 0.0, -2.0]] * 2, rtol=1e-5)
-    assert_allclose(known(recording.mag), [[20.0, 0.0, -40.0]] * 2)
+    assert_allclose(not_none(recording.gyr), [[1.5, 0.0, -2.0]] * 2, rtol=1e-5)
+    assert_allclose(not_none(recording.mag), [[20.0, 0.0, -40.0]] * 2)
 
 
 @pytest.mark.parametrize(
@@ -520,7 +520,7 @@ EUROC += "a_RS_S_x [m s^-2],a_RS_S_y [m s^-2],a_RS_S_z [m s^-2]\n"
 def test_other_ways_to_write_a_table(tmp_path: Path, text: str) -> None:
     recording = imported(tmp_path, text)
     assert_allclose(recording.t, [0.0, 0.01], atol=1e-6)
-    assert_allclose([known(recording.gyr)[1], recording.acc[1]], [[1, 2, 3], [4, 5, 6]])
+    assert_allclose([not_none(recording.gyr)[1], recording.acc[1]], [[1, 2, 3], [4, 5, 6]])
 
 
 @pytest.mark.parametrize(
@@ -573,7 +573,7 @@ def test_sensors_with_rows_of_their_own_are_joined(tmp_path: Path) -> None:
     rows = sorted((gyro + force).splitlines(), key=lambda row: float(row.split(",")[0]))
     recording = imported(tmp_path, "\n".join(["t,gx,gy,gz,ax,ay,az", *rows]))
     assert_allclose(recording.t, t[:-1], atol=1e-9)  # from the second reading of the gyro
-    assert_allclose(known(recording.gyr)[:, 0], 10 * t[1:])
+    assert_allclose(not_none(recording.gyr)[:, 0], 10 * t[1:])
     assert_allclose(recording.acc[:, 0], t[1:])
 
 
@@ -644,7 +644,7 @@ def test_a_lost_line_moves_no_later_sample(tmp_path: Path) -> None:
     lines[4] = lines[4].replace("temp: 20\n", "")
     read = imported(tmp_path, "".join(lines), rate_hz=100.0, name="run.log")
     assert_allclose(read.acc[:, 0], GRAVITY * np.arange(9))
-    assert_allclose(known(read.gyr)[:, 2], 9 * DEG)
+    assert_allclose(not_none(read.gyr)[:, 2], 9 * DEG)
 
 
 @pytest.mark.parametrize("counter", ["PacketCounter", "Counter", "field.header.seq", "sample_number", "sample"])
@@ -705,7 +705,7 @@ def test_messages_that_ros_printed(tmp_path: Path, header: str, covariance: str)
     recording = imported(tmp_path, text, None if header else 20.0, "imu.txt")
     assert_allclose(recording.t, 0.05 * np.arange(5), atol=1e-9)
     assert_allclose(recording.acc, [(0.1 * k, 0.0, 9.8) for k in range(5)])
-    assert_allclose(known(recording.gyr), [(k + 0.5, 2e-7, -3.0) for k in range(5)])
+    assert_allclose(not_none(recording.gyr), [(k + 0.5, 2e-7, -3.0) for k in range(5)])
     assert recording.info.source.unread["orientation_x"]
 
 
@@ -733,7 +733,7 @@ def test_the_force_of_an_iphones_sensorlog_points_up(tmp_path: Path) -> None:
     """CoreMotion gives gravity and what the hand adds, both reversed: -1 g on z if the phone lies face up."""
     read = imported(tmp_path, SENSORLOG)
     assert_allclose(read.acc[0], GRAVITY * np.array((0.05, 0.03, 1.0)))
-    assert_allclose(known(read.gyr)[0], (1.5, 0.0, -2.0))
+    assert_allclose(not_none(read.gyr)[0], (1.5, 0.0, -2.0))
     assert_allclose(imported(tmp_path, SENSORLOG, acc="-g").acc, read.acc)
 
 
@@ -748,7 +748,7 @@ def test_raw_counts_give_way_to_readings_with_a_unit(tmp_path: Path) -> None:
     row = "7,8,9,0,0,1,7,8,9,90,0,-180"
     read = imported(tmp_path, f"t,{','.join(names)}\n0,{row}\n0.01,{row}\n")
     assert_allclose(read.acc[0], (0.0, 0.0, GRAVITY))
-    assert_allclose(known(read.gyr)[0], (np.pi / 2, 0.0, -np.pi))
+    assert_allclose(not_none(read.gyr)[0], (np.pi / 2, 0.0, -np.pi))
 
 
 def test_of_two_accelerations_the_total_one_has_gravity(tmp_path: Path) -> None:
@@ -780,7 +780,7 @@ def test_further_names_of_axes(tmp_path: Path, header: str) -> None:
     """Noraxon's, Inertial Sense's, and those of many loggers."""
     read = imported(tmp_path, f"t,{header}\n0,0.5,0.25,9.75,1,2,3\n0.01,0.5,0.25,9.75,1,2,3\n")
     assert_allclose(read.acc[0], (0.5, 0.25, 9.75))
-    assert_allclose(known(read.gyr)[0], (1.0, 2.0, 3.0))
+    assert_allclose(not_none(read.gyr)[0], (1.0, 2.0, 3.0))
 
 
 @pytest.mark.parametrize("header", ["t,ax,ay,az,gx,gy,gz", "{}ax,ay,az,gx,gy,gz"])
@@ -795,7 +795,7 @@ def test_a_serial_monitors_times_before_bare_numbers(tmp_path: Path, stamp: str,
 def test_the_name_of_the_next_numbers_is_no_unit(tmp_path: Path) -> None:
     read = imported(tmp_path, "A: 0.5 0.25 9.75  G: 1 2 3\n" * 3, rate_hz=100.0, name="run.log")
     assert_allclose(read.acc[0], (0.5, 0.25, 9.75))
-    assert_allclose(known(read.gyr)[0], (1.0, 2.0, 3.0))
+    assert_allclose(not_none(read.gyr)[0], (1.0, 2.0, 3.0))
 
 
 def test_parts_of_a_second_without_leading_zeros_are_not_to_be_sorted(tmp_path: Path) -> None:

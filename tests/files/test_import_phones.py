@@ -13,7 +13,7 @@ from numpy.testing import assert_allclose
 from pbd.data import GRAVITY, Recording
 from pbd.errors import PbdWarning, RecordingError
 from pbd.files.importers import csv_bundle, import_file
-from tests.known import known
+from tests.not_none import not_none
 
 N = 200
 T = np.arange(N) / 100.0
@@ -56,8 +56,8 @@ def test_android_reads_total_acceleration_from_zip_folder_and_csv(tmp_path: Path
     for path in (place, packed(place), place / "Gyroscope.csv"):
         got = read(path)
         assert_allclose(got.acc, UP, atol=1e-12)
-        assert_allclose(known(got.gyr), TURN, atol=1e-12)
-        assert_allclose(known(got.mag), FIELD, atol=1e-12)
+        assert_allclose(not_none(got.gyr), TURN, atol=1e-12)
+        assert_allclose(not_none(got.mag), FIELD, atol=1e-12)
         assert_allclose(got.t, T, atol=1e-6)
 
 
@@ -71,7 +71,7 @@ def test_a_missing_file_beside_a_recording_is_not_that_recording(tmp_path: Path,
 def test_every_column_of_every_file_is_listed(tmp_path: Path) -> None:
     place = folder(tmp_path / "walk", {"TotalAcceleration": UP, "Accelerometer": UP - GRAVITY_PART, "Gyroscope": TURN})
     (place / "Barometer.csv").write_text("time,seconds_elapsed,pressure\n0,0,1013\n")
-    understood = known(import_file(packed(place)).recording.info.source)
+    understood = not_none(import_file(packed(place)).recording.info.source)
     assert [column.ours for column in understood.columns] == ["t", "ax", "ay", "az", "t", "gx", "gy", "gz"]
     assert understood.columns[0].name == "TotalAcceleration.csv: seconds_elapsed"
     assert understood.unread == {
@@ -147,7 +147,7 @@ def test_a_watch_gives_gravity_and_the_rest_of_its_acceleration(tmp_path: Path, 
         found = import_file(each)
         assert found.recording.info.sensor == "watch"
         assert_allclose(found.recording.acc, UP, atol=1e-9)
-        assert_allclose(known(found.recording.gyr), TURN, atol=1e-12)
+        assert_allclose(not_none(found.recording.gyr), TURN, atol=1e-12)
         source = found.recording.info.source
         assert {each.sign for each in source.columns if each.ours == "ax"} == {1.0 if standard else -1.0}
         assert source.unread["WristMotion.csv: yaw"] == "an attitude that isn't used"
@@ -199,7 +199,7 @@ def test_streams_of_different_rates_are_joined_on_the_gyros_clock(tmp_path: Path
     (place / "TotalAcceleration.csv").write_text(table(T[kept], np.column_stack((T, 2.0 * T, GRAVITY + T))[kept]))
     got = read(place)
     at = got.acc[:, 0]  # specific force is linear in time here
-    assert_allclose(known(got.gyr)[:, 0], at, atol=1e-9)
+    assert_allclose(not_none(got.gyr)[:, 0], at, atol=1e-9)
     assert got.t[0] == 0.0
     assert at.min() >= T[kept][0]
     assert at.max() <= T[kept][-1]
@@ -245,7 +245,7 @@ def phyphox(place: Path, separator: str = ",", comma: bool = False, linear: bool
 def test_phyphox_counts_its_pauses(tmp_path: Path, separator: str, comma: bool) -> None:
     got = read(packed(phyphox(tmp_path / "p", separator, comma)))
     assert_allclose(got.acc, UP[:-1], atol=1e-8)
-    assert_allclose(known(got.gyr), TURN[:-1], atol=1e-8)
+    assert_allclose(not_none(got.gyr), TURN[:-1], atol=1e-8)
     assert_allclose(got.t, (T + 2.5 * (T > 1.0))[:-1], atol=1e-6)
 
 
@@ -285,7 +285,7 @@ def test_phyphox_files_without_rows_are_warned_of(tmp_path: Path) -> None:
             got = read(each)
         assert len(told) == 1
         assert got.mag is None
-        assert_allclose(known(got.gyr), TURN[:-1], atol=1e-8)
+        assert_allclose(not_none(got.gyr), TURN[:-1], atol=1e-8)
     (place / "Gyroscope.csv").write_text('"Time (s)","X (rad/s)","Y (rad/s)","Z (rad/s)"\n', encoding="utf-8")
     with pytest.raises(RecordingError, match=r"Gyroscope\.csv: a header but no rows; .* or remove Gyroscope\.csv"):
         read(place)
@@ -306,7 +306,7 @@ def test_a_gyro_that_is_not_phyphox_s_is_not_dropped(tmp_path: Path) -> None:
     )
     path = tmp_path / "run.csv"
     path.write_text("\n".join((",".join(("Time (s)", *units)), "0,0,0,9.8,1,2,3", "0.01,0,0,9.8,1,2,3")))
-    gyr = known(read(path).gyr)
+    gyr = not_none(read(path).gyr)
     assert_allclose(gyr[0], np.radians([1.0, 2.0, 3.0]))
 
 
@@ -325,7 +325,7 @@ def test_an_iphones_simple_experiment_names_only_the_axes(tmp_path: Path) -> Non
         got = read(each)
         assert got.mag is not None
         assert_allclose(got.acc, UP[:-1], atol=1e-8)
-        assert_allclose(known(got.gyr), TURN[:-1], atol=1e-8)
+        assert_allclose(not_none(got.gyr), TURN[:-1], atol=1e-8)
     for name in ("Gyroscope", "Magnetometer"):
         (place / f"{name}.csv").unlink()
     linear = (place / "Accelerometer.csv").rename(place / "Linear Accelerometer.csv")

@@ -15,7 +15,7 @@ from pbd.errors import RecordingError
 from pbd.files.importers import import_file
 from pbd.files.importers.header_names import is_time, our_name, split_unit, why_never_read
 from pbd.tracking.repair.clock import with_checked_times
-from tests.known import known
+from tests.not_none import not_none
 
 DEG = np.pi / 180.0
 ACC, GYR = (0.5, 0.25, 9.75), (1.5, 0.0, -2.0)
@@ -34,7 +34,7 @@ def read(folder: Path, text: str, rate_hz: float | None = None, **units: str) ->
 def assert_read(recording: Recording, end: float = 0.01) -> None:
     assert_allclose(recording.t[-1], end, atol=2e-6)
     assert_allclose(recording.acc[0], ACC)
-    assert_allclose(known(recording.gyr)[0], GYR)
+    assert_allclose(not_none(recording.gyr)[0], GYR)
 
 
 @pytest.mark.parametrize(
@@ -76,7 +76,7 @@ def test_spreadsheets_and_matlabs_day_numbers_are_recognised_by_their_steps(tmp_
 @pytest.mark.parametrize("cell", ["", "N/A", "n/a", "NULL", "None", "-", "#N/A", "#NV", "NaN", "-nan(ind)"])
 def test_a_cell_may_say_that_it_has_no_number(tmp_path: Path, cell: str) -> None:
     recording = read(tmp_path, f"t,ax,ay,az,gx,gy,gz\n0,{cell},1,9,1,{cell},{cell}\n0.01,0,1,9,1,2,3\n")
-    assert_allclose(known(recording.gyr), [[1.0, np.nan, np.nan], [1.0, 2.0, 3.0]])
+    assert_allclose(not_none(recording.gyr), [[1.0, np.nan, np.nan], [1.0, 2.0, 3.0]])
 
 
 def test_rows_whose_cells_mostly_have_no_number_are_not_the_header(tmp_path: Path) -> None:
@@ -129,7 +129,7 @@ def test_names_of_axes(tmp_path: Path, header: str) -> None:
 def test_a_unit_after_a_slash_is_known(tmp_path: Path) -> None:
     got = read(tmp_path, table("t/µs,a_x/g,a_y/g,a_z/g,w_x/dps,w_y/°/s,w_z/deg/s", (0, 10000)))
     assert_allclose((got.t[-1], *got.acc[0]), (0.01, *(9.80665 * np.array(ACC))))
-    assert_allclose(known(got.gyr)[0], DEG * np.array(GYR))
+    assert_allclose(not_none(got.gyr)[0], DEG * np.array(GYR))
     for name in ("imu/acc_x", "imu/ms", "sensor/x", "a/b", "T/°C", "km/h"):
         assert split_unit(name) == (name, "")
     assert split_unit("gx_deg/s") == ("gx", "deg/s")

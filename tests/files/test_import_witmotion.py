@@ -15,7 +15,7 @@ from pbd.errors import RecordingError
 from pbd.files.importers import import_file
 from pbd.io.numbers import seconds
 from pbd.simulation.simulate import simulate
-from tests.known import known
+from tests.not_none import not_none
 
 START = datetime(2025, 10, 9, 8, 18, 9, 90_000)
 STEP_S = 0.01
@@ -111,9 +111,9 @@ def written(dialect: Dialect, recording: Recording, devices: Sequence[str] = ("W
     degrees = 180.0 / np.pi
     parts = (
         (recording.acc / GRAVITY, 4),
-        (known(recording.gyr) * degrees, 3),
-        (known(recording.device_rpy) * degrees, 3),
-        (known(recording.mag), 0),
+        (not_none(recording.gyr) * degrees, 3),
+        (not_none(recording.device_rpy) * degrees, 3),
+        (not_none(recording.mag), 0),
     )
     for k in range(len(recording)):
         at = START + timedelta(seconds=STEP_S * k)
@@ -139,9 +139,9 @@ def test_the_log_of_every_program_is_read(dialect: Dialect, recording: Recording
     got = import_file(file).recording
     np.testing.assert_allclose(got.t, STEP_S * np.arange(len(recording)), atol=1e-6)
     np.testing.assert_allclose(got.acc, recording.acc, atol=0.51e-4 * GRAVITY)
-    np.testing.assert_allclose(known(got.gyr), known(recording.gyr), atol=np.radians(0.51e-3))
-    np.testing.assert_allclose(known(got.device_rpy), known(recording.device_rpy), atol=np.radians(0.51e-3))
-    np.testing.assert_allclose(known(got.mag), known(recording.mag), atol=0.51)
+    np.testing.assert_allclose(not_none(got.gyr), not_none(recording.gyr), atol=np.radians(0.51e-3))
+    np.testing.assert_allclose(not_none(got.device_rpy), not_none(recording.device_rpy), atol=np.radians(0.51e-3))
+    np.testing.assert_allclose(not_none(got.mag), not_none(recording.mag), atol=0.51)
 
 
 def test_an_attitude_that_the_module_does_not_send_is_left_out(tmp_path: Path) -> None:

@@ -24,7 +24,7 @@ from pbd.io.toml import read_toml
 from pbd.io.urdf import read_xml
 from pbd.record.redecode import decode_raw
 from pbd.sensors.protocols import protocol
-from tests.fuzz import bodies
+from tests.fuzz import contents
 from tests.reading_meshes import read_mesh
 
 READ: dict[str, Callable[[Path], object]] = {
@@ -68,7 +68,7 @@ def test_a_pipe_as_a_robots_file_is_refused(
 
 
 def test_a_pipe_as_keyframes_file_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "demo.toml").write_text(bodies.DEMO, encoding="utf-8")
+    (tmp_path / "demo.toml").write_text(contents.DEMO, encoding="utf-8")
     (tmp_path / "imu.csv").write_text("t,ax,ay,az\n0,0,0,9.81\n0.01,0,0,9.81\n", encoding="utf-8")
     os.mkfifo(tmp_path / "keyframes.toml")
     with pytest.raises(RecordingError, match=r"keyframes\.toml: can't be read"):
@@ -180,7 +180,7 @@ def test_a_mesh_address_without_a_file(tmp_path: Path) -> None:
 )
 def test_an_invalid_collada_mesh_is_refused(tmp_path: Path, old: str, new: str, message: str) -> None:
     path = tmp_path / "a.dae"
-    path.write_text(bodies.DAE.replace(old, new), encoding="utf-8")
+    path.write_text(contents.DAE.replace(old, new), encoding="utf-8")
     with pytest.raises(RobotError, match=re.escape(message)):
         read_mesh(path)
 
@@ -190,7 +190,7 @@ def test_a_small_collada_file_that_shows_one_geometry_a_billion_times(
 ) -> None:
     monkeypatch.setattr(meshes, "MOST_NODES", 200)
     twice = [f'<node id="n{k}">' + 2 * f'<instance_node url="#n{k + 1}"/>' + "</node>" for k in range(30)]
-    text = bodies.DAE.replace("<library_nodes>", f"<library_nodes>{''.join(twice)}")
+    text = contents.DAE.replace("<library_nodes>", f"<library_nodes>{''.join(twice)}")
     (tmp_path / "a.dae").write_text(text.replace('"n"', '"n30"').replace('"#n"', '"#n0"'), encoding="utf-8")
     with pytest.raises(RobotError, match="more than 200 nodes"):
         read_mesh(tmp_path / "a.dae")

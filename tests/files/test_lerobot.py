@@ -18,7 +18,7 @@ from pbd.files.exporters import export, export_dataset, lerobot
 from pbd.pose import Array
 from tests.arm.bundled import arm_of
 from tests.files.test_formats import planned
-from tests.unprivileged import full_disk
+from tests.system_failures import full_disk
 
 NAMES = [
     f"{name}.pos" for name in ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper")

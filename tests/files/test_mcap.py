@@ -17,7 +17,7 @@ from pbd.files.exporters.mcap import UNDATED_NS, _start_ns
 from pbd.pose import Array, Pose, quat_from_xyzw
 from tests.arm.bundled import arm_of
 from tests.files.test_formats import planned
-from tests.known import known
+from tests.not_none import not_none
 
 Topics = dict[str, list[tuple[int, Any]]]
 CREATED = "2026-05-01T12:00:00.75+02:00"
@@ -83,7 +83,7 @@ def test_the_bag_has_the_motion_and_the_recording(tmp_path: Path, name: str, dem
     assert_allclose(t, trajectory.sample(10.0).t, atol=1e-9)
     assert_allclose([message.position[:k] for _, message in states], points.q, atol=1e-8)
     assert_allclose([message.velocity[:k] for _, message in states], points.qd, atol=1e-6)
-    gripper = known(robot.gripper)
+    gripper = not_none(robot.gripper)
     assert list(states[0][1].name) == [*robot.joints, *gripper.joints]
     for (_, message), opening in zip(states, points.gripper, strict=True):
         assert_allclose(
@@ -108,13 +108,13 @@ def test_the_bag_has_the_motion_and_the_recording(tmp_path: Path, name: str, dem
     assert len(topics["/tool/path"][0][1].poses) == len(states)
 
     hand = source.hand
-    recording = known(hand.tracking).demo.recording
+    recording = not_none(hand.tracking).demo.recording
 
     def vectors(topic: str, field: str) -> Array:
         return np.array([(v.x, v.y, v.z) for v in (getattr(message, field) for _, message in topics[topic])])
 
     assert_allclose(vectors("/imu", "linear_acceleration"), recording.acc)
-    assert_allclose(vectors("/imu", "angular_velocity"), known(recording.gyr))
+    assert_allclose(vectors("/imu", "angular_velocity"), not_none(recording.gyr))
     assert topics["/imu"][0][1].orientation_covariance[0] == -1.0  # no orientation
     if recording.mag is not None:
         assert_allclose(vectors("/magnetic_field", "magnetic_field"), 1e-6 * recording.mag)  # tesla
@@ -132,7 +132,7 @@ def test_the_bag_has_the_motion_and_the_recording(tmp_path: Path, name: str, dem
 def test_the_bag_begins_when_the_recording_does(tmp_path: Path) -> None:
     ns = 1777629600_750000000  # CREATED
     plan, robot, source = planned("panda", "paper-test2")
-    tracking = known(source.hand.tracking)
+    tracking = not_none(source.hand.tracking)
     recording = tracking.demo.recording
     dated = replace(tracking.demo, recording=replace(recording, info=replace(recording.info, created=CREATED)))
     source = replace(source, hand=replace(source.hand, tracking=replace(tracking, demo=dated)))
@@ -155,7 +155,7 @@ def test_without_a_date_that_can_be_a_bag_begins_at_one_second(monkeypatch: pyte
 
 def test_a_fused_demonstration_has_the_hands_mean_path_and_no_takes_samples(tmp_path: Path) -> None:
     plan, robot, source = planned("panda")
-    tracking = known(source.hand.tracking)
+    tracking = not_none(source.hand.tracking)
     fused = replace(tracking, demo=replace(tracking.demo, takes=(tracking.demo, tracking.demo)))
     source = replace(source, hand=replace(source.hand, tracking=fused))
     export(plan.trajectory, robot, "mcap", tmp_path / "p.mcap", 10.0, source=source)

@@ -11,7 +11,7 @@ from pbd.io import meshes
 from pbd.io.meshes import MESH_SUFFIXES, from_mesh, rounded_points
 from pbd.pose import Array
 from tests.reading_meshes import read_mesh
-from tests.unprivileged import full_disk
+from tests.system_failures import full_disk
 
 HAND_MADE = """<?xml version="1.0"?>
 <COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1">

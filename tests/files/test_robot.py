@@ -12,7 +12,7 @@ from pbd.errors import PbdWarning, RobotError
 from pbd.files.robot import read_robot
 from pbd.files.urdf_tree import read_named_poses, read_urdf
 from pbd.io.urdf import collision_shapes, read_shapes
-from tests.known import known
+from tests.not_none import not_none
 
 PANDA = Path(__file__).parents[2] / "robots" / "panda.toml"
 
@@ -31,12 +31,12 @@ def test_panda_has_the_limits_of_its_data_sheet() -> None:
     np.testing.assert_array_equal(limits.jerk, [7500, 3750, 5000, 6250, 7500, 10000, 10000])
     assert "frankaemika.github.io" in limits.source
     assert robot.urdf.is_file()
-    assert known(robot.srdf).is_file()
-    np.testing.assert_array_equal(known(robot.gripper).open, [0.04, 0.04])
+    assert not_none(robot.srdf).is_file()
+    np.testing.assert_array_equal(not_none(robot.gripper).open, [0.04, 0.04])
     assert robot.dock is not None
     assert robot.dock.name == "panda"
     assert robot.dock.robots == ("panda",)
-    np.testing.assert_array_equal(known(robot.dock.T_base_dock).wxyz, [1, 0, 0, 0])
+    np.testing.assert_array_equal(not_none(robot.dock.T_base_dock).wxyz, [1, 0, 0, 0])
     # package:// in the URDF is found in package_dirs
     mesh = "example-robot-data/robots/panda_description/meshes/visual/link0.dae"
     assert any((folder / mesh).is_file() for folder in robot.package_dirs)
@@ -157,7 +157,7 @@ def test_optional_keys(folder: Path) -> None:
 def test_the_docks_options(folder: Path) -> None:
     with (folder / "mine.toml").open("a", encoding="utf-8") as file:
         file.write("scale = 0.5\ntable_height = -0.02\nany_attitude = true\n")
-    dock = known(read_robot(folder / "mine.toml").dock)
+    dock = not_none(read_robot(folder / "mine.toml").dock)
     assert (dock.scale, dock.table_height, dock.any_attitude) == (0.5, -0.02, True)
 
 
@@ -251,7 +251,7 @@ def test_each_limit_may_have_its_own_source(folder: Path) -> None:
         folder / "mine.toml", "jerk = [100, 200]", 'jerk = [100, 200]\neffort = [5, 6]\neffort_source = "assumed: weak"'
     )
     limits = read_robot(folder / "mine.toml").limits
-    assert known(limits.effort).tolist() == [5.0, 6.0]
+    assert not_none(limits.effort).tolist() == [5.0, 6.0]
     assert limits.assumed == ("effort",)
 
 
@@ -266,7 +266,7 @@ def test_a_gripper_whose_model_has_no_joints(folder: Path) -> None:
     change(
         folder / "mine.toml", 'joints = ["claw"]\nopen = [0.5]\nclosed = [0.0]', "joints = []\nopen = []\nclosed = []"
     )
-    gripper = known(read_robot(folder / "mine.toml").gripper)
+    gripper = not_none(read_robot(folder / "mine.toml").gripper)
     assert gripper.joints == ()
     assert gripper.stroke_s == 0.4
 
@@ -280,7 +280,7 @@ FOLLOWER = """
 
 def test_a_finger_that_mimics_another_belongs_to_the_gripper(folder: Path) -> None:
     change(folder / "mine.urdf", "</robot>", FOLLOWER)
-    gripper = known(read_robot(folder / "mine.toml").gripper)
+    gripper = not_none(read_robot(folder / "mine.toml").gripper)
     assert gripper.joints == ("claw", "thumb_joint")
     assert gripper.mimics == ("thumb_joint",)
     np.testing.assert_allclose(gripper.open, [0.5, -0.9])
@@ -533,7 +533,7 @@ def test_prefixes_need_not_be_declared(folder: Path) -> None:
 def test_a_fixed_joint_mimics_nothing(folder: Path) -> None:
     change(folder / "mine.urdf", "</robot>", FOLLOWER.replace('type="revolute"', 'type="fixed"'))
     robot = read_robot(folder / "mine.toml")
-    assert known(robot.gripper).joints == ("claw",)
+    assert not_none(robot.gripper).joints == ("claw",)
     assert load_model(robot).links
 
 

@@ -30,10 +30,10 @@ from pbd.tracking.keyframes import find_keyframes
 from pbd.view.units import Units
 from tests.benchmarks.fuse import Scenario, _through, hand_poses, one_device, takes_of
 from tests.benchmarks.fuse import _shape as shape_errors
-from tests.fusion.made import observations, truth
-from tests.known import known
+from tests.fusion.made_up_takes import observations, truth
+from tests.not_none import not_none
 
-pytestmark = pytest.mark.usefixtures("remembered")
+pytestmark = pytest.mark.usefixtures("cached_results")
 
 SEED = 3
 
@@ -84,7 +84,7 @@ def test_a_take_is_estimated_with_given_errors_of_its_device(takes: list[Demonst
 
 
 def test_the_path_is_continuous_and_rests_at_its_keyframes(path: HandPath) -> None:
-    assert len(known(path.tracking).recording) == len(path.t)
+    assert len(not_none(path.tracking).recording) == len(path.t)
     middles = [0.5 * (path.t[stop.start] + path.t[stop.stop - 1]) for stop in path.stops]
     assert [keyframe.t for keyframe in find_keyframes(path)] == pytest.approx(middles)
     steps = np.diff(path.p_nav_sensor, axis=0) - 0.5 * np.diff(path.t)[:, None] * (
@@ -126,7 +126,7 @@ def test_takes_of_sensors_with_different_names_are_of_different_devices() -> Non
 
 def test_keyframes_have_the_learned_tolerances(path: HandPath) -> None:
     for k, keyframe in enumerate(find_keyframes(path)):
-        np.testing.assert_allclose(known(keyframe.tolerance_m), 2.0 * known(path.fusion).scatter[k])
+        np.testing.assert_allclose(not_none(keyframe.tolerance_m), 2.0 * not_none(path.fusion).scatter[k])
 
 
 def test_the_devices_errors_are_found(path: HandPath) -> None:
@@ -137,7 +137,7 @@ def test_the_devices_errors_are_found(path: HandPath) -> None:
     device = replace(one_device(SENSOR_MODELS["wt901"], SEED).acc, noise=0.0, bias_walk=0.0, step=0.0)
     read = device.measure(gravity, np.ones(50), np.random.default_rng(0))
     assert np.ptp(np.linalg.norm(read, axis=1)) > 0.2
-    assert np.ptp(np.linalg.norm(known(errors.acc).correct(read), axis=1)) < 0.03
+    assert np.ptp(np.linalg.norm(not_none(errors.acc).correct(read), axis=1)) < 0.03
 
 
 def test_errors_that_are_found_add_to_those_of_an_earlier_calibration() -> None:
@@ -163,7 +163,7 @@ def test_another_device_with_the_same_sensor_name_is_told_apart(takes: list[Demo
     assert own[0].recording.info.sensor == takes[0].recording.info.sensor
     another = takes_of(Scenario("wt901", 3), SEED, device=17)[0][2]  # a hand that misses otherwise than in the two
     fused = pbd.fuse([*takes[:2], renamed(another, "other")])
-    assert [take.device for take in known(fused.fusion).takes] == [0, 0, 1]
+    assert [take.device for take in not_none(fused.fusion).takes] == [0, 0, 1]
     assert device_errors(fused)[1]["takes"] == 2
 
 
@@ -307,7 +307,7 @@ def test_a_keyframe_whose_attitude_is_off_is_said_so(takes: list[Demonstration],
     turned = simulate(_through(task, p, A, np.ones(7)), one_device(SENSOR_MODELS["wt901"], SEED), 1)
     with pytest.warns(match=r"turned is not believed at keyframe 3: it is \d mm and (3\d|4\d) degrees from the other"):
         fused = pbd.fuse([*takes[:3], renamed(turned, "turned")])
-    assert np.degrees(known(fused.fusion).takes[3].off_rad[3]) == pytest.approx(40.0, abs=6.0)
+    assert np.degrees(not_none(fused.fusion).takes[3].off_rad[3]) == pytest.approx(40.0, abs=6.0)
 
 
 def test_two_tasks_that_match_by_chance_are_warned_of(takes: list[Demonstration], path: HandPath) -> None:
@@ -317,7 +317,7 @@ def test_two_tasks_that_match_by_chance_are_warned_of(takes: list[Demonstration]
     other = simulate(_through(task, p, A, np.ones(7)), one_device(SENSOR_MODELS["wt901"], SEED), 1)
     with pytest.warns(match=r"the keyframes scatter by 3\d mm from take to take, more than a hand's"):
         pbd.fuse([takes[0], renamed(other, "other")])
-    assert known(path.fusion).overall[0] < 0.01
+    assert not_none(path.fusion).overall[0] < 0.01
 
 
 @pytest.mark.parametrize(("shift", "warned"), [(0.05, True), (0.003, False)])
@@ -349,7 +349,7 @@ def test_a_single_stop_is_reported_in_the_singular(takes: list[Demonstration]) -
 def shortened(take: Demonstration, stops: int) -> Demonstration:
     """Return a take cut off after its first `stops` stops."""
     whole, end = take.recording, track(take.recording).stops[stops - 1].stop
-    cut = replace(whole, t=whole.t[:end], acc=whole.acc[:end], gyr=known(whole.gyr)[:end], mag=None, device_rpy=None)
+    cut = replace(whole, t=whole.t[:end], acc=whole.acc[:end], gyr=not_none(whole.gyr)[:end], mag=None, device_rpy=None)
     return replace(take, recording=cut, truth=None)
 
 
@@ -394,8 +394,8 @@ def test_a_known_stop_that_contradicts_a_take_is_refused_only_where_it_is_asked(
 
 
 def test_keyframes_that_move_with_an_object_are_found(path: HandPath) -> None:
-    assert known(path.fusion).thing is None
-    fused = known(pbd.fuse(takes_of(Scenario("wt901", 3, thing=(3, 4)), SEED)[0]).fusion)
+    assert not_none(path.fusion).thing is None
+    fused = not_none(pbd.fuse(takes_of(Scenario("wt901", 3, thing=(3, 4)), SEED)[0]).fusion)
     assert fused.thing is not None
     assert (fused.thing.first, fused.thing.last) == (3, 4)
     assert fused.thing.moved_m["take 1"] == 0.0

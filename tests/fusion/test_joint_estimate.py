@@ -21,7 +21,7 @@ from pbd.fusion.scatter import common_scatter, keyframe_scatter
 from pbd.pose import Array, matrix_log
 from pbd.simulation.sensor_model import SENSOR_MODELS
 from tests.benchmarks.fuse import errors_of, one_device
-from tests.fusion.made import Truth, initial_state, observations, rotations, truth
+from tests.fusion.made_up_takes import Truth, initial_state, observations, rotations, truth
 
 MM = 1e-3
 

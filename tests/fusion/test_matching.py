@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pbd.fusion.matching import Keyframes, Registration, align_takes, match_by_moves, register
-from tests.fusion.made import rotations
+from tests.fusion.made_up_takes import rotations
 
 
 def keyframes(seed: int = 0, count: int = 7) -> Keyframes:

@@ -7,7 +7,7 @@ from pbd.fusion.fuse import _matched
 from pbd.fusion.matching import Keyframes
 from pbd.fusion.moved_things import another_thing, find_moved_keyframes
 from pbd.pose import Array
-from tests.fusion.made import rotations, truth
+from tests.fusion.made_up_takes import rotations, truth
 
 ELSEWHERE = np.array(((0.0, 0.0, 0.0), (0.05, 0.03, 0.0), (-0.04, 0.06, 0.0)))
 IN_THE_AIR = ELSEWHERE + np.array(((0.0, 0.0, 0.0), (0.0, 0.0, 0.03), (0.0, 0.0, -0.02)))

@@ -30,8 +30,8 @@ from pbd.sensors.gamepad import GamepadDecoder
 from pbd.sensors.line_layout import layout_from_toml
 from pbd.view.visuals import load_mesh, read_visuals
 from tests.files.test_import_bag import write_bag
-from tests.fuzz import bodies
-from tests.record.speakers import SPEAKERS, random_hand
+from tests.fuzz import contents
+from tests.record.emulated_sensors import SPEAKERS, random_hand
 from tests.sensors.encoders.gamepad import press, report
 
 ROWS = 30
@@ -57,26 +57,29 @@ def _readers() -> dict[str, Reader]:
         name: Reader(demo, name, lambda path: read_demo(path.parent))
         for name in ("demo.toml", "imu.csv", "truth.csv", "keyframes.toml")
     }
-    calibration = {"bench.toml": bodies.CALIBRATION.encode()}
+    calibration = {"bench.toml": contents.CALIBRATION.encode()}
     found |= {
         "calibration": Reader(calibration, "bench.toml", read_calibration),
         "calibration edited": Reader(calibration, "bench.toml", _update),
-        "points": Reader({"points.csv": bodies.POINTS.encode()}, "points.csv", read_points),
+        "points": Reader({"points.csv": contents.POINTS.encode()}, "points.csv", read_points),
         "joints": Reader({"now.json": b'{"one": 0.5, "two": -1}'}, "now.json", _joints),
-        "line layout": Reader({"board.toml": bodies.LAYOUT.encode()}, "board.toml", _layout),
+        "line layout": Reader({"board.toml": contents.LAYOUT.encode()}, "board.toml", _layout),
     }
-    for name, text in bodies.TABLES.items():
-        beside = {"Magnetometer.csv": bodies.MAGNETOMETER.encode()} if name == "Inertial.csv" else {}
+    for name, text in contents.TABLES.items():
+        beside = {"Magnetometer.csv": contents.MAGNETOMETER.encode()} if name == "Inertial.csv" else {}
         found[name] = Reader({name: text.encode("gb18030"), **beside}, name, import_file)
     found["Magnetometer.csv"] = Reader(
-        {"Inertial.csv": bodies.TABLES["Inertial.csv"].encode(), "Magnetometer.csv": bodies.MAGNETOMETER.encode()},
+        {
+            "Inertial.csv": contents.TABLES["Inertial.csv"].encode(),
+            "Magnetometer.csv": contents.MAGNETOMETER.encode(),
+        },
         "Magnetometer.csv",
         lambda path: import_file(path.with_name("Inertial.csv")),
     )
     savers: dict[str, Callable[..., None]] = {"npz": np.savez, "npz, packed": np.savez_compressed}
     for name, save in savers.items():
         packed = io.BytesIO()
-        save(packed, **bodies.ARRAYS)
+        save(packed, **contents.ARRAYS)
         found[name] = Reader({"run.npz": packed.getvalue()}, "run.npz", import_file)
     hand = random_hand(ROWS, seed=1)
     for name, speaker in SPEAKERS.items():
@@ -91,21 +94,31 @@ def _readers() -> dict[str, Reader]:
     found["raw.bin gamepad"] = Reader(
         {"raw.bin": b"".join(grips)}, "raw.bin", lambda path: decode_raw(path, GamepadDecoder(), "gamepad", None)
     )
-    found["printed lines"] = Reader({"printed.log": bodies.PRINTED.encode()}, "printed.log", _printed)
+    found["printed lines"] = Reader({"printed.log": contents.PRINTED.encode()}, "printed.log", _printed)
     sensors = {
-        f"{name}.csv": f"epoc (ms),x,y,z\n{bodies.rows('1{0}0', 12, 0.01, 3)}".encode() for name in ("acc", "gyro")
+        f"{name}.csv": f"epoc (ms),x,y,z\n{contents.rows('1{0}0', 12, 0.01, 3)}".encode() for name in ("acc", "gyro")
     }
     found["files of sensors"] = Reader(sensors, "gyro.csv", import_file)
     found["phone's zip"] = Reader({"walk.zip": _zipped()}, "walk.zip", import_file)
     for name, mcap in (("bag.mcap", True), ("bag.db3", False)):
         found[name] = Reader(partial(_bag, name, mcap), name, import_file)
-    robot = {"mine.toml": bodies.ROBOT, "mine.urdf": bodies.URDF, "mine.srdf": bodies.SRDF, "a.dae": bodies.DAE}
+    robot = {
+        "mine.toml": contents.ROBOT,
+        "mine.urdf": contents.URDF,
+        "mine.srdf": contents.SRDF,
+        "a.dae": contents.DAE,
+    }
     files = {name: text.encode() for name, text in robot.items()} | {"a.stl": _stl()}
     for name in ("mine.toml", "mine.srdf"):
         found[f"robot's {name}"] = Reader(files, name, _robot)
     found["robot's mine.urdf"] = Reader(files, "mine.urdf", _arm)
     found["robot's mesh"] = Reader(files, "a.stl", _arm)
-    for name, data in (("a.stl", _stl()), ("b.stl", _stl_text()), ("c.obj", _obj()), ("d.dae", bodies.DAE.encode())):
+    for name, data in (
+        ("a.stl", _stl()),
+        ("b.stl", _stl_text()),
+        ("c.obj", _obj()),
+        ("d.dae", contents.DAE.encode()),
+    ):
         found[f"mesh {name}"] = Reader({name: data}, name, lambda path: load_mesh(path, (1.0, 1.0, 1.0), (0.5,) * 3))
     return found
 
@@ -117,8 +130,8 @@ def _demonstration() -> dict[str, bytes]:
         folder = Path(inside) / "tea"
         write_demo(Demonstration(hand, truth=truth), folder)
         found = {path.name: path.read_bytes() for path in folder.iterdir()}
-    keyframes = keyframes_toml("tea", bodies.KEYFRAMES, magnetic=False)
-    return found | {"keyframes.toml": keyframes.encode(), "demo.toml": bodies.DEMO.encode()}
+    keyframes = keyframes_toml("tea", contents.KEYFRAMES, magnetic=False)
+    return found | {"keyframes.toml": keyframes.encode(), "demo.toml": contents.DEMO.encode()}
 
 
 def _bag(name: str, mcap: bool) -> dict[str, bytes]:
@@ -133,7 +146,7 @@ def _zipped() -> bytes:
     with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
         for name in ("TotalAcceleration", "Gyroscope"):
             archive.writestr(
-                f"{name}.csv", "time,seconds_elapsed,z,y,x\n" + bodies.rows("{0}0000000,{1:.2f}", 12, 0.01, 3)
+                f"{name}.csv", "time,seconds_elapsed,z,y,x\n" + contents.rows("{0}0000000,{1:.2f}", 12, 0.01, 3)
             )
     return packed.getvalue()
 

@@ -23,7 +23,7 @@ from pbd.plots.style import INK, style
 from pbd.pose import Array, Pose, quat_about_z, quat_multiply, quat_rotate, quat_to_matrix
 from pbd.tracking.keyframes import find_keyframes
 from pbd.view.units import Units, parse_units
-from tests.plots.drawn import overlaps
+from tests.plots.drawn_texts import overlaps
 from tests.scenarios import pour, uncalibrated
 
 pytestmark = uncalibrated

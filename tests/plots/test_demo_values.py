@@ -13,8 +13,8 @@ from pbd.pose import quat_about_z, quat_multiply, quat_rotate
 from pbd.simulation.simulate import simulate
 from pbd.tracking.paper import paper_path, paper_stops, resulting_variance
 from pbd.tracking.smoother.preintegration import integral_of_means
-from tests.known import known
 from tests.near import assert_near
+from tests.not_none import not_none
 from tests.scenarios import pour
 
 
@@ -25,7 +25,7 @@ def pouring() -> DemoValues:
 
 @pytest.fixture(scope="module")
 def truth() -> Truth:
-    return known(pour().truth)
+    return not_none(pour().truth)
 
 
 def against(plot: DemoValues, truth: Truth) -> TruthValues | None:
@@ -79,9 +79,9 @@ def test_the_truth_is_aligned_at_the_first_stop_wherever_it_was_measured(
     elsewhere = Truth(
         truth.t, quat_rotate(turn, truth.p_nav_sensor) + shift, quat_multiply(turn, truth.wxyz_nav_sensor)
     )
-    moved = known(against(pouring, elsewhere))
+    moved = not_none(against(pouring, elsewhere))
     for field in ("p_nav_sensor", "v_nav_sensor", "rpy_nav_sensor", "error"):
-        assert getattr(moved, field) == pytest.approx(getattr(known(pouring.truth), field), abs=1e-9)
+        assert getattr(moved, field) == pytest.approx(getattr(not_none(pouring.truth), field), abs=1e-9)
     assert np.linalg.norm(moved.error, axis=1).max() < 0.01
     assert np.degrees(np.abs(moved.rpy_nav_sensor - pouring.rpy_nav_sensor)).max() < 2.0
 
@@ -113,7 +113,7 @@ def test_one_stop_has_no_largest_error(pouring: DemoValues) -> None:
     """There the truth is aligned with it."""
     demo, rest = pour(), slice(pouring.path.stops[0].stop)
     whole = demo.recording
-    recording = Recording(whole.t[rest], whole.acc[rest], known(whole.gyr)[rest], info=whole.info)
+    recording = Recording(whole.t[rest], whole.acc[rest], not_none(whole.gyr)[rest], info=whole.info)
     alone = demo_values(track(replace(demo, recording=recording)))
     assert len(alone.path.stops) == 1
     assert alone.truth is not None
@@ -138,7 +138,7 @@ def test_the_true_velocity_suppresses_optical_noise(pouring: DemoValues, rate_hz
     straight = np.outer(t, (0.3, -0.2, 0.1))
     for noise, bound in ((0.0, 1e-9), (0.0005, 0.03)):
         p = straight + noise * rng.normal(size=straight.shape)
-        found = known(against(pouring, Truth(t, p, np.tile((1.0, 0.0, 0.0, 0.0), (len(t), 1)))))
+        found = not_none(against(pouring, Truth(t, p, np.tile((1.0, 0.0, 0.0, 0.0), (len(t), 1)))))
         speed = np.linalg.norm(found.v_nav_sensor, axis=1)
         assert np.sqrt(np.mean((speed - np.linalg.norm((0.3, -0.2, 0.1))) ** 2)) < bound
 
@@ -146,7 +146,7 @@ def test_the_true_velocity_suppresses_optical_noise(pouring: DemoValues, rate_hz
 def test_a_magnet_near_the_hand_shows_in_the_field() -> None:
     demo = pour("ideal")
     near = (demo.recording.t > 12.0) & (demo.recording.t < 12.5)
-    mag = known(demo.recording.mag) * np.where(near, 1.1, 1.0)[:, None]
+    mag = not_none(demo.recording.mag) * np.where(near, 1.1, 1.0)[:, None]
     plot = demo_values(track(replace(demo, recording=replace(demo.recording, mag=mag))))
     assert plot.field is not None
     assert plot.field.strength == pytest.approx(np.where(near, 1.1, 1.0) * plot.field.rest_strength, rel=1e-3)

@@ -27,7 +27,7 @@ from pbd.simulation.simulate import random_task, simulate
 from pbd.simulation.tasks import Task
 from pbd.tracking.paper import LAMBDA_V
 from tests.near import assert_near
-from tests.plots.drawn import Drawn, overlaps, texts
+from tests.plots.drawn_texts import Drawn, overlaps, texts
 from tests.scenarios import pour, uncalibrated
 
 HOSTILE = r"a $\frac{1}{ _^ b.csv 茶 " + "\n\x07" + "very long " * 20

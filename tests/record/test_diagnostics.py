@@ -11,7 +11,7 @@ from pbd.record.diagnostics import CHECK_EVERY_S, REPEAT_WARNING_S, STUCK_S, Dia
 from pbd.sensors.decoding import Sample, Triple
 from pbd.simulation.simulate import simulate
 from pbd.tracking.repair.saturation import clips_of
-from tests.known import known
+from tests.not_none import not_none
 
 
 def triple(values: np.ndarray | None, row: int) -> Triple | None:
@@ -74,7 +74,7 @@ def test_a_saturated_axis_is_told_at_once(pouring: Recording, name: str, limit: 
 
 
 def test_a_flat_top_below_an_earlier_peak_is_not_the_end_of_the_range(pouring: Recording) -> None:
-    values = np.clip(known(pouring.gyr), -1.1, 1.1)
+    values = np.clip(not_none(pouring.gyr), -1.1, 1.1)
     assert clips_of(with_channel(pouring, "gyr", values))
     values[100:180] += 2.0 * np.sin(np.linspace(0.0, 2.0 * np.pi, 80))[:, None]
     assert not any("end of its range" in line for _, line in told(with_channel(pouring, "gyr", values)))

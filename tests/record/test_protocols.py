@@ -14,7 +14,7 @@ from pbd.record.redecode import decode_raw
 from pbd.sensors.port import Port, open_port
 from pbd.sensors.protocols import PROTOCOLS
 from tests.benchmarks.wires import MIXED
-from tests.record.speakers import SPEAKERS, Device, Speaker, Wire, bad_cable, random_hand
+from tests.record.emulated_sensors import SPEAKERS, Device, Speaker, Wire, bad_cable, random_hand
 
 ROWS, PACE_HZ = 220, 1200.0
 every = pytest.mark.parametrize("name", SPEAKERS)

@@ -26,7 +26,7 @@ from pbd.simulation.emulator import Emulator
 from pbd.simulation.hand_motion import Waypoint
 from pbd.simulation.simulate import simulate
 from pbd.simulation.tasks import Task
-from tests.record.speakers import SPEAKERS, Device, random_hand
+from tests.record.emulated_sensors import SPEAKERS, Device, random_hand
 from tests.sensors.encoders import vectornav, witmotion, ximu3
 
 

@@ -12,7 +12,7 @@ from pbd.record.replaced_demo import set_aside
 from pbd.record.session import Session
 from pbd.record.session_types import RecordOptions
 from pbd.sensors.protocols import protocol
-from tests.known import known
+from tests.not_none import not_none
 from tests.sensors.encoders import ximu3
 
 
@@ -32,7 +32,7 @@ def test_a_name_that_is_free(tea: Path) -> None:
     """Even by a link that leads nowhere."""
     (tea.parent / "tea.before").mkdir()
     (tea.parent / "tea.before-2").symlink_to(tea.parent / "nowhere")
-    before = known(set_aside(tea))
+    before = not_none(set_aside(tea))
     assert before.aside.name == "tea.before-3"
     assert not tea.exists()
     assert before.put_back() == f"the old {tea} is back"
@@ -51,14 +51,14 @@ def test_what_is_no_demonstration_stays(tmp_path: Path) -> None:
 
 
 def test_a_recording_stays_where_it_is_said_to_be(tea: Path) -> None:
-    before = known(set_aside(tea))
+    before = not_none(set_aside(tea))
     assert before.notice == f"the old one is in {tea}.before"
     assert before.replace() == f"the old {tea}, a recording, is kept in {tea}.before"
     assert beside(tea) == {"tea.before": "the old one"}
 
 
 def test_one_that_is_kept_says_how_to_get_it_back(tea: Path) -> None:
-    before = known(set_aside(tea))
+    before = not_none(set_aside(tea))
     told = before.keep()
     assert told == (
         f"the new one can't be replayed, so the old one is kept in {tea}.before; to have it back, "
@@ -70,14 +70,14 @@ def test_one_that_is_kept_says_how_to_get_it_back(tea: Path) -> None:
 def test_a_link_goes_and_what_it_leads_to_stays(tea: Path) -> None:
     link = tea.with_name("link")
     link.symlink_to(tea)
-    before = known(set_aside(link))
+    before = not_none(set_aside(link))
     before.replace()
     assert beside(tea) == {"tea": "the old one"}
     assert [path.name for path in tea.parent.iterdir()] == ["tea"]
 
 
 def test_what_can_not_be_put_back_is_told(tea: Path) -> None:
-    before = known(set_aside(tea))
+    before = not_none(set_aside(tea))
     tea.mkdir()
     (tea / "left over").touch()
     assert before.put_back().startswith(f"the old one is in {tea}.before: it can't be put back (")
@@ -101,7 +101,7 @@ def test_a_new_one_that_can_not_be_begun_makes_no_room(tea: Path, monkeypatch: p
 
 def test_a_folder_that_cannot_be_renamed(tea: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Such as one on which a disk is mounted."""
-    before = known(set_aside(tea))
+    before = not_none(set_aside(tea))
     tea.mkdir()
     (tea / "demo.toml").write_text("the new one")
 

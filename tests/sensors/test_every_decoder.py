@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from pbd.sensors.protocols import PROTOCOLS
 from tests.benchmarks.wires import MIXED
-from tests.sensors.streams import assert_any_chunking, fuzz, missed_after_junk, mutated
+from tests.sensors.decoder_checks import assert_any_chunking, fuzz, missed_after_junk, mutated
 
 PACKETS = {name: list(wire.packets(60)) for name, wire in MIXED.items()}
 every = pytest.mark.parametrize("name", MIXED)

@@ -18,9 +18,9 @@ from pbd.sensors.gamepad_port import GamepadPort, open_gamepad
 from pbd.simulation.hand_motion import Waypoint
 from pbd.simulation.simulate import simulate
 from pbd.simulation.tasks import Task
-from tests.known import known
+from tests.not_none import not_none
 from tests.sensors.encoders.gamepad import event, press, report
-from tests.unprivileged import as_a_user
+from tests.system_failures import as_a_user
 
 LEVEL = (0.0, 0.0, 1.0)
 
@@ -91,7 +91,7 @@ def test_a_recording_with_its_grip_by_the_pads_button(tmp_path: Path, monkeypatc
     assert len(recording) == len(hand)
     assert_allclose(recording.t, hand.t, atol=2e-6)
     assert_allclose(recording.acc, hand.acc, atol=GRAVITY / 8192)
-    assert_allclose(known(recording.gyr), hand.gyr, atol=np.radians(1 / 1024))
+    assert_allclose(not_none(recording.gyr), hand.gyr, atol=np.radians(1 / 1024))
     assert [grip.closed for grip in recording.grip] == [True]
 
 

@@ -11,9 +11,9 @@ from pbd.pose import quat_from_rpy, quat_rotate
 from pbd.sensors.decoding import Sample
 from pbd.sensors.line_layout import layout_from_options
 from pbd.sensors.lines import LONGEST_LINE, LineDecoder
-from tests.known import known
+from tests.not_none import not_none
 from tests.sensors.decoded import held_bytes
-from tests.sensors.streams import mutated
+from tests.sensors.decoder_checks import mutated
 
 NINE = ("ax", "ay", "az", "gx", "gy", "gz", "mx", "my", "mz")
 VALUES = dict(zip(NINE, (1.5, -2.0, 3e-3, -4.0, 5.25, 60.0, 7.0, -0.8, 0.09), strict=True))
@@ -38,14 +38,14 @@ def test_columns_in_any_order(columns: list[str], separator: str) -> None:
     decoder = reader(",".join(columns), separator=separator)
     sign = {"space": "  ", "tab": "\t"}.get(separator, separator)
     sample = one(decoder, sign.join(str(VALUES[name]) for name in columns))
-    assert [*known(sample.acc), *known(sample.gyr), *known(sample.mag)] == list(VALUES.values())
+    assert [*not_none(sample.acc), *not_none(sample.gyr), *not_none(sample.mag)] == list(VALUES.values())
 
 
 def test_units() -> None:
     sample = one(reader(",".join(NINE), "acc=g", "gyr=deg/s", "mag=gauss"), ",".join(map(str, VALUES.values())))
-    np.testing.assert_allclose(known(sample.acc), np.multiply((1.5, -2.0, 3e-3), GRAVITY))
-    np.testing.assert_allclose(known(sample.gyr), np.radians((-4.0, 5.25, 60.0)))
-    np.testing.assert_allclose(known(sample.mag), (700.0, -80.0, 9.0))
+    np.testing.assert_allclose(not_none(sample.acc), np.multiply((1.5, -2.0, 3e-3), GRAVITY))
+    np.testing.assert_allclose(not_none(sample.gyr), np.radians((-4.0, 5.25, 60.0)))
+    np.testing.assert_allclose(not_none(sample.mag), (700.0, -80.0, 9.0))
 
 
 def test_signs_and_columns_to_pass_over() -> None:
@@ -56,8 +56,8 @@ def test_signs_and_columns_to_pass_over() -> None:
 def test_a_compass_and_a_turn_say_the_same() -> None:
     compass = one(reader("ax,ay,az,heading,pitch,roll", "angle=deg"), "0,0,1,210,20,-30").rpy
     turn = one(reader("ax,ay,az,roll,pitch,yaw", "angle=deg"), "0,0,1,-30,-20,-120").rpy
-    np.testing.assert_allclose(known(compass), known(turn))
-    forward = quat_rotate(quat_from_rpy(known(compass)), (1.0, 0.0, 0.0))
+    np.testing.assert_allclose(not_none(compass), not_none(turn))
+    forward = quat_rotate(quat_from_rpy(not_none(compass)), (1.0, 0.0, 0.0))
     level = math.cos(math.radians(20.0))
     heading = math.radians(210.0)
     np.testing.assert_allclose(
@@ -111,13 +111,13 @@ def test_with_a_prefix_the_first_whole_line_counts_wherever_it_begins() -> None:
 
 def test_time() -> None:
     decoder = reader("ax,ay,az,t", "t=ms", wrap=1000)
-    times = [known(one(decoder, f"0,0,1,{tick % 1000}").t_device) for tick in range(900, 4000, 30)]
+    times = [not_none(one(decoder, f"0,0,1,{tick % 1000}").t_device) for tick in range(900, 4000, 30)]
     np.testing.assert_allclose(times, np.arange(900, 4000, 30) / 1000.0)
 
 
 def test_one_false_time_does_not_shift_the_rest() -> None:
     decoder = reader("t,ax,ay,az", "t=us")
-    times = [known(one(decoder, f"{tick},0,0,1").t_device) for tick in (10_000, 20_000, 4_000_000_000, 40_000)]
+    times = [not_none(one(decoder, f"{tick},0,0,1").t_device) for tick in (10_000, 20_000, 4_000_000_000, 40_000)]
     assert (times[0], times[1], times[3]) == (0.01, 0.02, 0.04)
 
 

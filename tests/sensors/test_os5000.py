@@ -9,7 +9,7 @@ from pbd.data import GRAVITY
 from pbd.pose import quat_from_rpy, quat_inverse, quat_rotate
 from pbd.sensors.decoding import Sample, Tally
 from pbd.sensors.os5000 import OS5000Decoder
-from tests.known import known
+from tests.not_none import not_none
 from tests.sensors.decoded import decode
 from tests.sensors.encoders import os5000 as encode
 
@@ -29,14 +29,14 @@ def one(stream: bytes) -> Sample:
 
 
 def heading_pitch_roll(sample: Sample) -> tuple[float, float, float]:
-    return encode.compass_from_rpy(quat_from_rpy(known(sample.rpy)))
+    return encode.compass_from_rpy(quat_from_rpy(not_none(sample.rpy)))
 
 
 def test_published_sentences() -> None:
     full, short = one(FULL), one(SHORT)
     np.testing.assert_allclose(heading_pitch_roll(full), (212.4, 2.5, -14.0))
-    np.testing.assert_allclose(known(full.acc), np.multiply((0.045, -0.245, 0.977), GRAVITY))
-    np.testing.assert_allclose(known(full.mag), (10797.79, -7942.2, 17.327))
+    np.testing.assert_allclose(not_none(full.acc), np.multiply((0.045, -0.245, 0.977), GRAVITY))
+    np.testing.assert_allclose(not_none(full.mag), (10797.79, -7942.2, 17.327))
     np.testing.assert_allclose(heading_pitch_roll(short), (320.5, 0.2, -18.3))
     assert (full.gyr, full.t_device) == (None, None)
     assert (short.gyr, short.acc, short.mag) == (None, None, None)
@@ -45,7 +45,7 @@ def test_published_sentences() -> None:
 def test_sentences_from_the_field() -> None:
     six, four = one(FIELD_6), one(FIELD_4)
     np.testing.assert_allclose(heading_pitch_roll(six), (78.8, -0.5, -1.4))
-    np.testing.assert_allclose(known(six.acc), np.multiply((-0.009, -0.025, 0.976), GRAVITY))
+    np.testing.assert_allclose(not_none(six.acc), np.multiply((-0.009, -0.025, 0.976), GRAVITY))
     np.testing.assert_allclose(heading_pitch_roll(four), (237.7, -14.3, 175.5))
     assert four.acc is None
 
@@ -53,8 +53,8 @@ def test_sentences_from_the_field() -> None:
 @pytest.mark.parametrize("stream", [FULL, FIELD_6])
 def test_attitude_and_acceleration_of_one_sentence_agree(stream: bytes) -> None:
     sample = one(stream)
-    acc = np.array(known(sample.acc))
-    up = quat_rotate(quat_inverse(quat_from_rpy(known(sample.rpy))), (0.0, 0.0, 1.0))
+    acc = np.array(not_none(sample.acc))
+    up = quat_rotate(quat_inverse(quat_from_rpy(not_none(sample.rpy))), (0.0, 0.0, 1.0))
     cosine = np.dot(up, acc) / np.linalg.norm(acc)
     assert math.degrees(math.acos(cosine)) < 0.15  # angles are in steps of 0.1 degree, the acceleration of 0.06
 
@@ -68,8 +68,8 @@ def test_tags_and_commas_say_the_same(
 ) -> None:
     tagged, commas = one(encode.tagged(wanted, acc, mag, extra)), one(encode.by_commas(wanted, acc, mag))
     assert tagged == commas
-    np.testing.assert_allclose(np.array(known(tagged.acc)) / GRAVITY, acc, atol=0.0005 + 1e-9)
-    np.testing.assert_allclose(known(tagged.mag), np.multiply(mag, 0.1), atol=0.0005 + 1e-6)
+    np.testing.assert_allclose(np.array(not_none(tagged.acc)) / GRAVITY, acc, atol=0.0005 + 1e-9)
+    np.testing.assert_allclose(not_none(tagged.mag), np.multiply(mag, 0.1), atol=0.0005 + 1e-6)
 
 
 @pytest.mark.parametrize("given_parts", range(8))

@@ -15,8 +15,8 @@ from pbd.sensors import probe
 from pbd.sensors.port import Port, open_port
 from pbd.sensors.probe import describe_bytes, find_baud, identify_protocol, printed_line
 from pbd.sensors.protocols import PROTOCOLS
-from tests.known import known
-from tests.record.speakers import SPEAKERS, Device, random_hand
+from tests.not_none import not_none
+from tests.record.emulated_sensors import SPEAKERS, Device, random_hand
 
 HAND = random_hand(200, seed=1)
 
@@ -188,7 +188,7 @@ def test_probing(pair: tuple[int, str], name: str) -> None:
         found = probe.probe(port)
     if name == "lines":
         assert found.sensor is None
-        assert len(known(found.line).split(",")) == 7
+        assert len(not_none(found.line).split(",")) == 7
     else:
         assert found.sensor == SPEAKERS[name].sensor
 

@@ -8,7 +8,7 @@ from pbd.data import GRAVITY
 from pbd.sensors.decoding import Sample
 from pbd.sensors.lines import LineDecoder
 from pbd.sensors.razor import razor_layout
-from tests.known import known
+from tests.not_none import not_none
 from tests.sensors.decoded import decode
 from tests.sensors.encoders.razor import frame
 
@@ -23,16 +23,16 @@ def test_a_frame_quoted_from_a_level_board() -> None:
     """As a program on the web prints it; on its table the z axis feels 1 g upwards."""
     stream = b"#A-C=-12.29,13.31,245.76\r\n#M-C=-86.33,-64.50,63.50\r\n#G-C=-42.00,60.00,-3.00\r\n"
     (sample,) = decode(make, stream)
-    np.testing.assert_allclose(known(sample.acc), np.multiply((12.29, 13.31, 245.76), GRAVITY / 256.0))
-    np.testing.assert_allclose(known(sample.mag), (-86.33, 64.5, -63.5))
-    np.testing.assert_allclose(known(sample.gyr), np.radians(np.multiply((-42.0, -60.0, 3.0), 0.06957)))
+    np.testing.assert_allclose(not_none(sample.acc), np.multiply((12.29, 13.31, 245.76), GRAVITY / 256.0))
+    np.testing.assert_allclose(not_none(sample.mag), (-86.33, 64.5, -63.5))
+    np.testing.assert_allclose(not_none(sample.gyr), np.radians(np.multiply((-42.0, -60.0, 3.0), 0.06957)))
 
 
 def test_boards_that_give_rad_per_s() -> None:
     decoder = LineDecoder(razor_layout({"gyr": "rad/s"}))
     (sample,) = decoder.feed(b"#A-C=0,0,256\r\n#M-C=1,2,3\r\n#G-C=0.5,-0.25,1\r\n")
     assert sample.gyr == (0.5, 0.25, -1.0)
-    np.testing.assert_allclose(known(sample.acc), (0.0, 0.0, GRAVITY), atol=1e-15)
+    np.testing.assert_allclose(not_none(sample.acc), (0.0, 0.0, GRAVITY), atol=1e-15)
 
 
 def parts(sample: Sample) -> tuple[bool, bool, bool]:

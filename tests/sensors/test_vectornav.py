@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from pbd.pose import quat_from_rpy, quat_to_matrix
 from pbd.sensors.decoding import Sample, Tally
 from pbd.sensors.vectornav import FIELD_BYTES, VectorNavDecoder
-from tests.known import known
+from tests.not_none import not_none
 from tests.sensors.encoders import vectornav as vn
 
 REGISTERS = (
@@ -84,7 +84,7 @@ def expected_matrix(ypr: tuple[float, float, float]) -> np.ndarray:
 
 
 def assert_same_attitude(rpy: tuple[float, float, float] | None, ypr: tuple[float, float, float], tol: float) -> None:
-    assert quat_to_matrix(quat_from_rpy(known(rpy))) == pytest.approx(expected_matrix(ypr), abs=tol)
+    assert quat_to_matrix(quat_from_rpy(not_none(rpy))) == pytest.approx(expected_matrix(ypr), abs=tol)
 
 
 @given(attitudes, triples, triples, triples)

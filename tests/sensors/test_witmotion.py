@@ -12,7 +12,7 @@ from pbd.pose import quat_canonical, quat_from_rpy, quat_inverse, quat_log, quat
 from pbd.sensors.decoding import Sample, Triple
 from pbd.sensors.protocols import PROTOCOLS
 from pbd.sensors.witmotion import WitMotionDecoder
-from tests.known import known
+from tests.not_none import not_none
 from tests.sensors.decoded import decode
 from tests.sensors.encoders.witmotion import ACC, ANGLE, GYR, MAG, QUATERNION, group, packet, whole_sample
 
@@ -53,9 +53,9 @@ def close(got: list[Sample], wanted: list[Sample]) -> None:
 def test_published_packets() -> None:
     first, second = decode(WitMotionDecoder, PUBLISHED * 2)
     assert first == second
-    np.testing.assert_allclose(known(first.acc), np.multiply((-0.5, 0.25, -1.0), G))
-    np.testing.assert_allclose(known(first.gyr), np.multiply((0.9765625, -0.9765625, 20.01953125), DEG))
-    np.testing.assert_allclose(known(first.rpy), np.multiply((45.0, -22.5, -180.0), DEG))
+    np.testing.assert_allclose(not_none(first.acc), np.multiply((-0.5, 0.25, -1.0), G))
+    np.testing.assert_allclose(not_none(first.gyr), np.multiply((0.9765625, -0.9765625, 20.01953125), DEG))
+    np.testing.assert_allclose(not_none(first.rpy), np.multiply((45.0, -22.5, -180.0), DEG))
     assert first.mag == (-120.0, 250.0, -380.0)
     assert first.t_device is None
 
@@ -71,9 +71,9 @@ def test_the_package_witmotion_reads_the_same(sent: dict[int, Sequence[int]]) ->
         theirs[stream[start + 1]] = one.parse(stream[start + 2 : start + 10])
     ours, *_ = decode(WitMotionDecoder, stream * 2)
     angle = theirs[ANGLE]
-    np.testing.assert_allclose(np.array(known(ours.acc)) / G, np.array(theirs[ACC].a) / other.G, rtol=1e-12)
-    np.testing.assert_allclose(known(ours.gyr), np.radians(theirs[GYR].w), rtol=1e-12)
-    np.testing.assert_allclose(known(ours.rpy), np.radians((angle.roll, angle.pitch, angle.yaw)), rtol=1e-12)
+    np.testing.assert_allclose(np.array(not_none(ours.acc)) / G, np.array(theirs[ACC].a) / other.G, rtol=1e-12)
+    np.testing.assert_allclose(not_none(ours.gyr), np.radians(theirs[GYR].w), rtol=1e-12)
+    np.testing.assert_allclose(not_none(ours.rpy), np.radians((angle.roll, angle.pitch, angle.yaw)), rtol=1e-12)
     assert ours.mag == theirs[MAG].mag
 
 
@@ -82,7 +82,7 @@ def test_a_quaternion_is_an_attitude(rpy: Triple) -> None:
     truth = quat_from_rpy(rpy)
     sent = packet(QUATERNION, [min(round(part * 32768), 32767) for part in truth])
     _, sample = decode(WitMotionDecoder, sent * 2)
-    ours, theirs = quat_from_rpy(known(sample.rpy)), np.array(other.QuaternionMessage.parse(sent[2:10]).q)
+    ours, theirs = quat_from_rpy(not_none(sample.rpy)), np.array(other.QuaternionMessage.parse(sent[2:10]).q)
     for one, within in ((truth, 4 / 32768), (theirs / np.linalg.norm(theirs), 1e-6)):  # counts; nothing
         missed = quat_log(quat_canonical(quat_multiply(quat_inverse(one), ours)))
         assert np.linalg.norm(missed) < within
@@ -97,7 +97,7 @@ def test_zeros_are_no_quaternion() -> None:
 def test_a_packet_of_a_bluetooth_model() -> None:
     (sample,) = WitMotionDecoder().feed(BLUETOOTH + BLUETOOTH)
     close([sample], [expected({ACC: (90, -66, -1993), GYR: (0, 0, 0), ANGLE: (-32142, -765, -18407)})])
-    acc, rpy = known(sample.acc), known(sample.rpy)
+    acc, rpy = not_none(sample.acc), not_none(sample.rpy)
     assert math.atan2(acc[1], acc[2]) == pytest.approx(rpy[0], abs=2.0 * DEG)  # its own attitude says the same
 
 

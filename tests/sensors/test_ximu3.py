@@ -17,9 +17,9 @@ from pbd.data import GRAVITY
 from pbd.pose import quat_about_z, quat_from_rpy, quat_multiply, quat_to_matrix
 from pbd.sensors.decoding import Sample, Tally
 from pbd.sensors.ximu3 import XImu3Decoder
-from tests.known import known
+from tests.not_none import not_none
+from tests.sensors.decoder_checks import mutated
 from tests.sensors.encoders.ximu3 import binary, packets, text
-from tests.sensors.streams import mutated
 
 PUBLISHED = bytes.fromhex("c94a420f0000000000 0000c03f 000010c0 00002041 cdcccc3d cdcc4cbe 48e17a3f 0a")
 PACKETS = packets(200)
@@ -124,7 +124,7 @@ def assert_agrees(samples: list[Sample], other: list[Sample]) -> None:
         if ours.mag is not None:
             assert ours.mag == pytest.approx(theirs.mag, abs=1e-6)
         if ours.rpy is not None:
-            matrices = [quat_to_matrix(quat_from_rpy(rpy)) for rpy in (ours.rpy, known(theirs.rpy))]
+            matrices = [quat_to_matrix(quat_from_rpy(rpy)) for rpy in (ours.rpy, not_none(theirs.rpy))]
             assert matrices[0] == pytest.approx(matrices[1], abs=1e-3)
 
 
@@ -179,7 +179,7 @@ def test_round_trip(
         assert sample.acc == pytest.approx(GRAVITY * np.asarray(acc), abs=GRAVITY * resolution)
         assert sample.mag == pytest.approx(mag, abs=resolution)
         assert sample.t_device == us / 1e6
-        assert quat_to_matrix(quat_from_rpy(known(sample.rpy))) == pytest.approx(east, abs=5e-4)
+        assert quat_to_matrix(quat_from_rpy(not_none(sample.rpy))) == pytest.approx(east, abs=5e-4)
 
 
 @pytest.mark.parametrize("encode", [text, binary])

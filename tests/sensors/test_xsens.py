@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from pbd.pose import quat_exp, quat_from_rpy, quat_to_matrix
 from pbd.sensors.decoding import Sample, Tally
 from pbd.sensors.xsens import XsensDecoder
-from tests.known import known
+from tests.not_none import not_none
 from tests.sensors.encoders import xsens
 
 CAPTURED = bytes.fromhex(
@@ -42,7 +42,7 @@ def test_captured_packet() -> None:
     assert sample.acc == pytest.approx((-0.055506, 9.814655, 0.218423), abs=1e-6)
     assert sample.gyr == pytest.approx((0.021318, -0.003278, -0.001630), abs=1e-6)
     assert sample.mag == pytest.approx((-0.492157, 0.702217, -1.254967), abs=1e-6)
-    assert quat_from_rpy(known(sample.rpy)) == pytest.approx((0.710453, 0.694536, -0.077778, -0.082628), abs=1e-6)
+    assert quat_from_rpy(not_none(sample.rpy)) == pytest.approx((0.710453, 0.694536, -0.077778, -0.082628), abs=1e-6)
     assert sample.t_device == 0x01363FA6 / 1e4
 
 
@@ -50,7 +50,7 @@ def test_captured_packet_agrees_with_itself() -> None:
     """Its attitude turns the specific force up, and its velocity and turn are acceleration and rate times 2.5 ms."""
     sample = one(CAPTURED)
     assert sample.acc is not None
-    up = quat_to_matrix(quat_from_rpy(known(sample.rpy))) @ sample.acc
+    up = quat_to_matrix(quat_from_rpy(not_none(sample.rpy))) @ sample.acc
     assert up == pytest.approx((0.0, 0.0, 9.81), abs=0.05)
     without = CAPTURED[4:-1].replace(bytes.fromhex("4020"), b"\x41\x21").replace(bytes.fromhex("8020"), b"\x81\x21")
     decoder = XsensDecoder()
@@ -83,7 +83,7 @@ def test_every_precision_and_frame(
         for read, sent in ((sample.acc, acc), (sample.gyr, gyr), (sample.mag, mag)):
             assert read == pytest.approx(sent, abs=RESOLUTION[precision], rel=1e-7)
         assert sample.t_device == 12.3456
-        turned = quat_to_matrix(quat_from_rpy(known(sample.rpy)))
+        turned = quat_to_matrix(quat_from_rpy(not_none(sample.rpy)))
         assert turned == pytest.approx(attitude, abs=3e-4 if precision == xsens.FIXED_12_20 else 3e-6)
 
 

@@ -23,8 +23,8 @@ from pbd.simulation.hand_motion import HandMotion, Waypoint
 from pbd.simulation.sensor_model import SensorModel
 from pbd.simulation.simulate import EARTH, SENSOR_MODELS, TASKS, World, random_task, simulate
 from pbd.simulation.tasks import Task
-from tests.known import known
 from tests.near import assert_near
+from tests.not_none import not_none
 
 seeds = st.integers(0, 2**32 - 1)
 UP = np.array([0.0, 0.0, EARTH.gravity])
@@ -33,7 +33,7 @@ NO_MAG = SensorModel("no-mag", 100.0, mag=None)
 
 def ideal(task: str | Task, rate_hz: float = 100.0, world: World = EARTH) -> tuple[Array, Array, Array, Truth]:
     demo = simulate(task, "ideal", rate_hz=rate_hz, world=world)
-    return demo.recording.acc, known(demo.recording.gyr), known(demo.recording.mag), known(demo.truth)
+    return demo.recording.acc, not_none(demo.recording.gyr), not_none(demo.recording.mag), not_none(demo.truth)
 
 
 @given(st.tuples(*3 * [st.floats(-1.5, 1.5)]), st.floats(9.7, 9.9))
@@ -120,7 +120,7 @@ def test_without_a_magnetometer_no_heading_is_seen(seed: int, yaw: float) -> Non
     here, there = simulate(task, NO_MAG), simulate(task.rotated(yaw), NO_MAG)
     assert here.recording.mag is None
     assert_near(there.recording.acc, here.recording.acc, 1e-9)
-    assert_same_truth(known(here.truth), known(there.truth))
+    assert_same_truth(not_none(here.truth), not_none(there.truth))
 
 
 def assert_same_truth(a: Truth, b: Truth) -> None:
@@ -135,7 +135,7 @@ def assert_same_truth(a: Truth, b: Truth) -> None:
 def test_nav_without_a_magnetometer(rpy_deg: tuple[float, float, float], axis: int) -> None:
     """x of nav is the sensor's x axis laid level, or its y axis where x is within 30 degrees of vertical."""
     roll, pitch, yaw = np.radians(rpy_deg).tolist()
-    truth = known(simulate(Task("still", (Waypoint(rest_s=0.1),), start_rpy=(roll, pitch, yaw)), NO_MAG).truth)
+    truth = not_none(simulate(Task("still", (Waypoint(rest_s=0.1),), start_rpy=(roll, pitch, yaw)), NO_MAG).truth)
     ahead = quat_rotate(truth.wxyz_nav_sensor[0], np.eye(3)[axis])
     assert ahead[1] == pytest.approx(0.0, abs=1e-9)
     assert ahead[0] > 0.0
@@ -175,7 +175,7 @@ def test_a_part_less_errs_the_same_in_the_others() -> None:
     gyro, no_gyro = (simulate("pour", name, 3).recording for name in ("os5000", "os5000-nogyro"))
     assert no_gyro.gyr is None
     assert np.array_equal(gyro.acc, no_gyro.acc)
-    assert np.array_equal(known(gyro.mag), known(no_gyro.mag))
+    assert np.array_equal(not_none(gyro.mag), not_none(no_gyro.mag))
 
 
 @pytest.mark.parametrize("name", TASKS)
@@ -223,5 +223,5 @@ def test_own_models_and_tasks_are_taken() -> None:
 
 def test_heading_of_the_default_is_not_zero() -> None:
     """The device's own yaw is the angle of its x axis from east toward magnetic north."""
-    rpy = known(simulate("pour", "os5000").recording.device_rpy)
+    rpy = not_none(simulate("pour", "os5000").recording.device_rpy)
     assert rpy[0] == pytest.approx([0.0, 0.0, radians(30.0)], abs=radians(0.06))

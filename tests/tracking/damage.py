@@ -25,8 +25,7 @@ from pbd.pose import (
 )
 from pbd.simulation.hand_motion import Waypoint
 from pbd.simulation.tasks import Task
-from tests.scenarios import with_rows
-from tests.tracking.faults import with_channel
+from tests.scenarios import with_channel, with_rows
 
 Rows = NDArray[np.intp]
 Damage = Callable[[Demonstration, np.random.Generator], Demonstration]

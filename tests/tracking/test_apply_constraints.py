@@ -18,7 +18,7 @@ from pbd.tracking.apply_constraints import apply_constraints
 from pbd.tracking.keyframes import find_keyframes
 from pbd.tracking.stop_constraints import PLACE_SIGMA_M
 from tests.scenarios import pour, simulate, truth_at
-from tests.tracking.stops_at import DT, MOVE, REST, at_stops, covariances, hand_path, mid
+from tests.tracking.hand_paths import DT, MOVE, REST, at_stops, covariances, hand_path, mid
 
 
 def least_squares(path: HandPath, known: Known) -> tuple[Array, Array]:

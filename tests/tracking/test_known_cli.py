@@ -11,7 +11,7 @@ import pytest
 
 from pbd.cli import main
 
-pytestmark = pytest.mark.usefixtures("remembered")
+pytestmark = pytest.mark.usefixtures("cached_results")
 
 HERE = """format = 1
 name = "tea"

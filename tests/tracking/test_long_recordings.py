@@ -17,7 +17,7 @@ from pbd.tracking.apply_constraints import _joseph_times
 from pbd.tracking.keyframes import _grip_at_stops, _without_repeats
 from pbd.tracking.moving_windows import squares, window_moments, window_sums
 from tests.scenarios import pour
-from tests.tracking.stops_at import covariances, hand_path
+from tests.tracking.hand_paths import covariances, hand_path
 
 vectors = st.integers(1, 60).flatmap(lambda n: arrays(np.float64, (n, 3), elements=st.floats(-1e3, 1e3)))
 seeds = st.integers(0, 2**32 - 1)

@@ -62,8 +62,8 @@ from pbd.tracking.smoother.preintegration import (
     preintegrate,
 )
 from tests.benchmarks.trials import read_broad, with_drift
-from tests.known import known
 from tests.near import assert_near
+from tests.not_none import not_none
 from tests.scenarios import pour, simulate, truth_at, uncalibrated, with_hole, with_rows
 from tests.simulation.sway import with_sway
 
@@ -164,7 +164,7 @@ def test_what_is_read_on_the_way_does_not_depend_on_the_pieces_either() -> None:
         part = with_rows(recording, slice(start, start + 90))
         one.feed(part.t, part.acc, part.gyr, part.mag)
         for k in range(90):
-            other.feed(float(part.t[k]), part.acc[k], known(part.gyr)[k], known(part.mag)[k])
+            other.feed(float(part.t[k]), part.acc[k], not_none(part.gyr)[k], not_none(part.mag)[k])
             assert other.sigma_now >= 0.0  # reading changes nothing
         assert state(one) == state(other)
 
@@ -197,7 +197,7 @@ def test_the_truth_lies_within_its_sigma(sensor: str) -> None:
     scaled: list[Array] = []
     for seed in SEEDS:
         demo = half_poured(sensor, seed)
-        truth, keyframes = known(demo.truth), poured(sensor, seed)[0].keyframes
+        truth, keyframes = not_none(demo.truth), poured(sensor, seed)[0].keyframes
         assert len(keyframes) == 7
         true = [truth.wxyz_nav_sensor[int(np.searchsorted(truth.t, keyframe.t))] for keyframe in keyframes]
         yaw = yaw_toward(keyframes[0].T_nav_sensor.wxyz, true[0]) * UP  # sigma is relative to the first stop
@@ -221,7 +221,7 @@ def test_the_heading_of_a_hand_that_sways_in_its_first_rest_lies_within_its_sigm
         task = replace(TASKS["pour"], waypoints=TASKS["pour"].waypoints[:7])
         swaying = with_sway(task, Noise.still_speed, seed, turn=Noise.still_speed / Noise.pivot_distance)
         demo = simulate(swaying, sensor, seed)
-        truth, keyframes = known(demo.truth), fed(replace(demo.recording, mag=None))[0].keyframes
+        truth, keyframes = not_none(demo.truth), fed(replace(demo.recording, mag=None))[0].keyframes
         true = [truth.wxyz_nav_sensor[int(np.searchsorted(truth.t, keyframe.t))] for keyframe in keyframes]
         headings = [
             yaw_toward(each, keyframe.T_nav_sensor.wxyz) for each, keyframe in zip(true, keyframes, strict=True)
@@ -256,7 +256,7 @@ def from_rest_to_rest(wobble: float, up_to: int = 120) -> tuple[Strapdown, list[
     t, acc = recording.t[part], recording.acc[part]
     phase = 2.0 * np.pi * 4.0 * t[:, None]
     moving = (np.abs(t - 3.0) < 0.25)[:, None]
-    gyr = known(recording.gyr)[part] + wobble * moving * np.cos(phase + np.arange(3.0))
+    gyr = not_none(recording.gyr)[part] + wobble * moving * np.cos(phase + np.arange(3.0))
     samples = [RepairedSample(k, *row) for k, row in enumerate(zip(t.tolist(), acc, gyr, strict=True))]
     strapdown = Strapdown(samples[0], 0.01, WHITE, np.zeros(3), no_gyro=False)
     legs = []
@@ -332,7 +332,9 @@ def test_a_gyro_at_the_end_of_its_range_may_have_lost_a_fifth_of_it(rate: float,
 
 def test_a_clipped_turn_is_told_with_its_stop() -> None:
     recording = simulate("pick-and-place-stops", "modern", 0).recording
-    flaws = [event.flaws for event in began(fed(replace(recording, gyr=np.clip(known(recording.gyr), -10.0, 10.0)))[1])]
+    flaws = [
+        event.flaws for event in began(fed(replace(recording, gyr=np.clip(not_none(recording.gyr), -10.0, 10.0)))[1])
+    ]
     assert flaws == [*4 * [()], ("the gyro was at the end of its range; move slower, or set a larger range",)]
 
 
@@ -489,7 +491,7 @@ def test_a_sensor_put_down_that_bounces_makes_one_stop() -> None:
     assert [event.index for event in began(events)] == [0, 1, 2, 2]
     assert len(tracker.keyframes) == 3
     last = tracker.keyframes[-1]
-    assert last.T_nav_sensor.p == pytest.approx(truth_at(known(demo.truth), last.t), abs=0.01)
+    assert last.T_nav_sensor.p == pytest.approx(truth_at(not_none(demo.truth), last.t), abs=0.01)
     assert demo.recording.t[tracker.stops[-1].start] == pytest.approx(4.9, abs=0.1)  # not from where it bounced
 
 
@@ -500,11 +502,11 @@ def test_a_quick_turn_on_the_spot_is_neither_a_bounce_nor_a_jolt(pause_s: float,
     turn = Waypoint((0.2, 0.0, 0.0), (0.6, 0.0, 0.0), move_s=0.15, rest_s=1.0)
     demo = simulate(Task("turn", (Waypoint(rest_s=2.0), pause, turn)), "modern", 2, rate_hz=100.0)
     recording = demo.recording
-    late = np.column_stack([np.interp(recording.t - late_s, recording.t, axis) for axis in known(recording.gyr).T])
+    late = np.column_stack([np.interp(recording.t - late_s, recording.t, axis) for axis in not_none(recording.gyr).T])
     tracker, events = fed(replace(recording, gyr=late))
     assert [event.index for event in began(events)] == [0, 1, 2]
     last = tracker.keyframes[-1]
-    assert last.T_nav_sensor.p == pytest.approx(truth_at(known(demo.truth), last.t), abs=0.01)
+    assert last.T_nav_sensor.p == pytest.approx(truth_at(not_none(demo.truth), last.t), abs=0.01)
 
 
 @pytest.mark.parametrize("sensor", ["modern", "os5000"])
@@ -616,7 +618,7 @@ def test_a_long_hole_in_a_rest_changes_nothing_but_is_told() -> None:
     assert [event.message[:7] for event in events if isinstance(event, DataFlaw)] == ["1200 ms"]
     whole, _ = plain()
     assert len(tracker.stops) == 4
-    assert known(tracker.rest).start == 0  # what is interpolated in the hole is no quieter rest
+    assert not_none(tracker.rest).start == 0  # what is interpolated in the hole is no quieter rest
     for ours, theirs in zip(tracker.keyframes, whole.keyframes, strict=True):
         assert ours.T_nav_sensor.distance(theirs.T_nav_sensor)[0] < 0.01
 
@@ -632,7 +634,7 @@ def test_a_hole_from_one_rest_to_another_attitude_ends_the_stop() -> None:
 def test_a_long_rest_says_nothing_of_the_scales() -> None:
     """Noise times its own noise is positive, and pulled each scale by a sigma in two minutes."""
     recording = simulate(Task("rest", (Waypoint(rest_s=30.0),)), "wt901", 3, rate_hz=20.0).recording
-    hand = known(fed(recording)[0]._hand)
+    hand = not_none(fed(recording)[0]._hand)
     assert np.abs(hand._filter.x[GYR_MATRIX]).max() < 0.001
     assert np.abs(hand._filter.x[ACC_MATRIX]).max() < 0.005
 
@@ -642,7 +644,7 @@ def test_the_reach_bounds_the_position_only_in_a_long_move(
     after_s: float, bounded: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Nearer than half a stride (1 s) to a stop, the stop bounds the motion, as in the smoother."""
-    hand = known(fed(simulate(Task("rest", (Waypoint(rest_s=3.0),)), "modern", 3).recording)[0]._hand)
+    hand = not_none(fed(simulate(Task("rest", (Waypoint(rest_s=3.0),)), "modern", 3).recording)[0]._hand)
     asked: list[float] = []
     monkeypatch.setattr(ErrorStateFilter, "update_reach", lambda _, lasted: asked.append(lasted))
     hand._update_between_knots(replace(hand._window[-1][0], t=hand._t_knot + after_s))
@@ -656,7 +658,7 @@ def test_a_gyro_that_warms_up_loses_no_stop() -> None:
         *(Waypoint((0.1 * (k % 2), 0.0, 0.0), move_s=1.0, rest_s=1.0) for k in range(1, 4)),
     )
     recording = simulate(Task("warm", waypoints), "os5000", 3).recording
-    warm = known(recording.gyr) + np.radians(0.08) * recording.t[:, None] * (0.6, 0.0, 0.8)
+    warm = not_none(recording.gyr) + np.radians(0.08) * recording.t[:, None] * (0.6, 0.0, 0.8)
     tracker, _ = fed(replace(recording, gyr=warm))
     assert len(tracker.stops) == 4
 
@@ -767,7 +769,7 @@ def test_it_learns_from_a_far_quieter_second() -> None:
     tracker, events = fed(replace(recording, acc=acc))
     (found,) = (event for event in events if isinstance(event, RestFound))
     assert recording.t[found.rest.stop - 1] == found.t
-    assert known(tracker.rest).acc_var < 0.01 * found.rest.acc_var
+    assert not_none(tracker.rest).acc_var < 0.01 * found.rest.acc_var
     assert len(tracker.stops) == 4
 
 
@@ -786,7 +788,7 @@ def test_an_accelerometer_slower_than_its_gyro_is_late_and_loses_no_stop() -> No
     keyframes = fed(replace(demo.recording, acc=late))[0].keyframes
     assert len(keyframes) == 7
     for keyframe in keyframes:
-        assert keyframe.T_nav_sensor.p == pytest.approx(truth_at(known(demo.truth), keyframe.t), abs=0.015)
+        assert keyframe.T_nav_sensor.p == pytest.approx(truth_at(not_none(demo.truth), keyframe.t), abs=0.015)
 
 
 def test_a_prior_of_the_lag_that_is_widened_late_gives_what_a_wide_one_gives() -> None:
@@ -864,7 +866,7 @@ def test_it_does_without_a_magnetometer_and_without_a_gyro() -> None:
     keyframes = fed(bare.recording)[0].keyframes
     assert len(keyframes) == 5
     for keyframe in keyframes:
-        assert keyframe.T_nav_sensor.p == pytest.approx(truth_at(known(bare.truth), keyframe.t), abs=0.05)
+        assert keyframe.T_nav_sensor.p == pytest.approx(truth_at(not_none(bare.truth), keyframe.t), abs=0.05)
     with pytest.raises(TrackingError, match="neither a gyro nor the device's own attitude"):
         LiveTracker().feed(0.0, (0.0, 0.0, 9.81))
 
@@ -876,13 +878,13 @@ def test_a_calm_move_without_a_gyro_is_no_stop() -> None:
     tracker, events = fed(demo.recording)
     assert [event.index for event in began(events)] == list(range(5))
     for keyframe in tracker.keyframes[1:]:
-        off = keyframe.T_nav_sensor.p - truth_at(known(demo.truth), keyframe.t)
+        off = keyframe.T_nav_sensor.p - truth_at(not_none(demo.truth), keyframe.t)
         assert distance_in_sigmas(off, keyframe.cov[:3, :3]) < 4.0
 
 
 def test_a_magnetometer_may_be_read_less_often() -> None:
     recording = poured_at_first()
-    mag = known(recording.mag).copy()
+    mag = not_none(recording.mag).copy()
     mag[np.arange(len(mag)) % 10 != 0] = np.nan
     seldom, often = fed(replace(recording, mag=mag))[0].keyframes, plain()[0].keyframes
     for ours, theirs in zip(seldom, often, strict=True):
@@ -910,7 +912,7 @@ def test_arrival_times_lose_no_stop(kind: str, rate_hz: float) -> None:
     keyframes = tracker.keyframes
     assert len(keyframes) == 5
     for keyframe in keyframes:
-        assert keyframe.T_nav_sensor.p == pytest.approx(truth_at(known(demo.truth), keyframe.t), abs=0.02)
+        assert keyframe.T_nav_sensor.p == pytest.approx(truth_at(not_none(demo.truth), keyframe.t), abs=0.02)
 
 
 def test_a_row_that_is_lost_among_arrival_times_leaves_the_motion_unknown() -> None:
@@ -947,7 +949,7 @@ def test_samples_that_are_lost_among_arrival_times_lose_no_stop(rate_hz: float) 
     tracker = LiveTracker()
     events: list[LiveEvent] = []
     for t, row in stamped:
-        events += tracker.feed(t, recording.acc[row], known(recording.gyr)[row])
+        events += tracker.feed(t, recording.acc[row], not_none(recording.gyr)[row])
     assert [event.index for event in began(events)] == list(range(5))
     assert not [event for event in events if isinstance(event, DataFlaw)]
 

@@ -18,12 +18,11 @@ from pbd.simulation.tasks import Task
 from pbd.tracking.keyframes import find_keyframes
 from pbd.tracking.paper import paper_path
 from tests.scenarios import simulate, uncalibrated, with_rows
-from tests.tracking.hands import (
+from tests.tracking.perfect_sensor import (
     PERFECT,
     RATE_HZ,
     STANDS_M,
     bound,
-    every_method,
     hand,
     keyframe_errors,
     largest_angle,
@@ -31,8 +30,9 @@ from tests.tracking.hands import (
     perfect,
     with_and_without_north,
 )
+from tests.tracking.track_or_refuse import every_method
 
-pytestmark = pytest.mark.usefixtures("remembered")
+pytestmark = pytest.mark.usefixtures("cached_results")
 
 
 @pytest.mark.filterwarnings("ignore:--method paper finds:pbd.errors.PbdWarning")

@@ -38,8 +38,8 @@ from pbd.tracking.smoother.preintegration import integral_of_means, integral_of_
 from pbd.tracking.white_noise import _rounding
 from pbd.tracking.zero_velocity import energies, find_candidates, lasts
 from tests.scenarios import pour
-from tests.tracking.hands import largest_angle
-from tests.tracking.stops_at import hand_path
+from tests.tracking.hand_paths import hand_path
+from tests.tracking.perfect_sensor import largest_angle
 
 DOCS = Path(__file__).parents[2] / "docs" / "tracking.md"
 

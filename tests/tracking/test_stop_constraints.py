@@ -19,7 +19,7 @@ from pbd.tracking.apply_constraints import apply_constraints, measurement_of
 from pbd.tracking.keyframes import find_keyframes
 from pbd.tracking.stop_constraints import PLACE_SIGMA_M, Claim, claims_of
 from tests.near import assert_near
-from tests.tracking.stops_at import covariances, hand_path, mid
+from tests.tracking.hand_paths import covariances, hand_path, mid
 
 # --- the tool and the robot's base ---
 

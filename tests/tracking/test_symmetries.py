@@ -21,19 +21,19 @@ from pbd.simulation.simulate import random_task
 from pbd.tracking.first_rest import Rest
 from pbd.tracking.keyframes import find_keyframes
 from pbd.tracking.noise import Noise, noise_of
-from tests.known import known
 from tests.near import assert_near
+from tests.not_none import not_none
 from tests.scenarios import simulate
-from tests.tracking.hands import (
+from tests.tracking.perfect_sensor import (
     RATE_HZ,
     bound,
-    every_method,
     hand,
     largest_angle,
     middle,
     perfect,
     with_and_without_north,
 )
+from tests.tracking.track_or_refuse import every_method
 
 
 def wrapped(angle: float) -> float:
@@ -79,9 +79,9 @@ def test_a_mirrored_hand_goes_the_mirrored_way(method: str, sensor: SensorModel)
     mirrored = replace(
         recording,
         acc=polar * recording.acc,
-        gyr=-polar * known(recording.gyr),
+        gyr=-polar * not_none(recording.gyr),
         mag=None if recording.mag is None else polar * recording.mag,
-        device_rpy=quat_to_rpy(axial * quat_from_rpy(known(recording.device_rpy))),
+        device_rpy=quat_to_rpy(axial * quat_from_rpy(not_none(recording.device_rpy))),
     )
     path, other = track(recording, method), track(mirrored, method)
     assert same_stops(other, path)
@@ -107,9 +107,9 @@ def test_how_the_sensor_is_mounted_does_not_matter(
     remounted = replace(
         recording,
         acc=quat_rotate(quat_inverse(mount), recording.acc),
-        gyr=quat_rotate(quat_inverse(mount), known(recording.gyr)),
+        gyr=quat_rotate(quat_inverse(mount), not_none(recording.gyr)),
         mag=None if recording.mag is None else quat_rotate(quat_inverse(mount), recording.mag),
-        device_rpy=quat_to_rpy(quat_multiply(quat_from_rpy(known(recording.device_rpy)), mount)),
+        device_rpy=quat_to_rpy(quat_multiply(quat_from_rpy(not_none(recording.device_rpy)), mount)),
     )
     path, other = track(recording, method), track(remounted, method)
     mounted = quat_multiply(path.wxyz_nav_sensor, mount)
@@ -165,8 +165,8 @@ def test_a_recording_played_backwards_shows_the_moves_backwards(monkeypatch: pyt
         recording,
         t=recording.t[-1] - recording.t[::-1],
         acc=recording.acc[::-1],
-        gyr=-known(recording.gyr)[::-1],
-        mag=known(recording.mag)[::-1],
+        gyr=-not_none(recording.gyr)[::-1],
+        mag=not_none(recording.mag)[::-1],
         device_rpy=None if recording.device_rpy is None else recording.device_rpy[::-1],
     )
     path = track(recording)

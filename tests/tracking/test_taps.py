@@ -16,7 +16,7 @@ from pbd.tracking.taps import TapDetector, grip_by_taps
 from tests.scenarios import simulate
 from tests.tracking.tapping import tapped
 
-pytestmark = pytest.mark.usefixtures("remembered")
+pytestmark = pytest.mark.usefixtures("cached_results")
 
 HELD = Task("held", (Waypoint(rest_s=12.0),))
 FIRST = np.arange(1.5, 11.0, 1.5)

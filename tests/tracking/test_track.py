@@ -15,7 +15,7 @@ from pbd.tracking.online.tracker import LiveTracker
 from tests.scenarios import keyframes_and_errors, pour, simulate, uncalibrated, with_rows
 from tests.tracking.tapping import tapped
 
-pytestmark = pytest.mark.usefixtures("remembered")
+pytestmark = pytest.mark.usefixtures("cached_results")
 
 TABLE_1 = [
     (0, 86, "No hand motion occurs"),

@@ -20,8 +20,8 @@ from pbd.errors import PlanError
 from pbd.pose import Array, Pose, quat_from_rpy
 from tests.arm.collision_oracles import first_hit, placements, points_of
 from tests.arm.conftest import random_joints
-from tests.arm.straight import solve_path, time_keyframes
-from tests.known import known
+from tests.arm.straight_moves import solve_path, time_keyframes
+from tests.not_none import not_none
 
 BOTTLE = GraspedObject("cylinder", (0.06, 0.2))
 DOWN = quat_from_rpy((np.pi, 0.0, 0.0))
@@ -63,7 +63,7 @@ def test_the_bottle_meets_what_the_hand_does_not(arm: ArmModel) -> None:
     """On the way the bottle's lower end is at 0.2 m, the fingertips are at 0.34 m."""
     trajectory = through(arm, PLACES, GRIPS)
     assert first_hit(CollisionScene(arm, 0.0, [board(0.0, 0.25)]), trajectory) is None
-    found = known(first_hit(CollisionScene(arm, 0.0, [board(0.0, 0.25)], BOTTLE), trajectory))
+    found = not_none(first_hit(CollisionScene(arm, 0.0, [board(0.0, 0.25)], BOTTLE), trajectory))
     assert (found.hit.first, found.hit.second) == ("the cylinder", "the board")
     assert found.hit.depth > 0.01
     assert (found.keyframe, found.at_keyframe) == (3, False)
@@ -85,7 +85,7 @@ def test_a_released_object_is_an_obstacle(arm: ArmModel) -> None:
     else:
         raise AssertionError("no such configuration")
     first = time_keyframes(arm, np.array([through_it, *q]), [0.2] * 3, [None, True, False], arm.robot.home)
-    found = known(first_hit(scene, last))
+    found = not_none(first_hit(scene, last))
     assert found.hit.second == "the cylinder"
     assert found.t > last.keyframe_t[1]
     assert [phase.held for phase in object_phases_of(scene, last)] == [False, True, False]
@@ -98,7 +98,7 @@ def test_a_contact_with_the_table_is_allowed_only_where_the_object_rests(arm: Ar
     low = [(x, y, z - 0.01 if i == 4 else z) for i, (x, y, z) in enumerate(PLACES)]  # put down a centimetre too deep
     assert first_hit(scene, through(arm, low, GRIPS)) is None
     dragged = [(x, y, 0.15 if 2 <= i <= 3 else z) for i, (x, y, z) in enumerate(PLACES)]
-    found = known(first_hit(scene, through(arm, dragged, GRIPS)))
+    found = not_none(first_hit(scene, through(arm, dragged, GRIPS)))
     assert (found.hit.first, found.hit.second) == ("the cylinder", TABLE)
 
 
@@ -108,7 +108,7 @@ def test_a_contact_of_opening_fingers_is_found(arm: ArmModel) -> None:
     scene = CollisionScene(arm, None, [post])
     places = [(0.5, -0.2, 0.35), (0.5, 0.2, 0.35), (0.5, 0.2, 0.15), (0.5, 0.2, 0.35)]
     opens = through(arm, places, [True, None, False, None])
-    found = known(first_hit(scene, opens))
+    found = not_none(first_hit(scene, opens))
     assert (found.keyframe, found.hit.second) == (2, "post")
     assert "finger" in found.hit.first
     assert opens.keyframe_t[2] < found.t < opens.keyframe_t[2] + 0.8
@@ -119,7 +119,7 @@ def test_a_contact_of_opening_fingers_is_found(arm: ArmModel) -> None:
 def test_a_thin_sheet_across_a_fast_move_is_found(arm: ArmModel, thick: float) -> None:
     """A thin sheet across a move at full speed; both ends are free."""
     trajectory = through(arm, [(0.5, -0.3, 0.4), (0.5, 0.3, 0.4)], [None, None])
-    found = known(first_hit(CollisionScene(arm, 0.0, [board(0.3, 0.6, thick)]), trajectory))
+    found = not_none(first_hit(CollisionScene(arm, 0.0, [board(0.3, 0.6, thick)]), trajectory))
     assert found.hit.second == "the board"
     assert (found.keyframe, found.at_keyframe) == (1, False)
 
@@ -205,7 +205,7 @@ def test_a_keyframe_in_the_table_is_named(arm: ArmModel) -> None:
     scene = CollisionScene(arm, 0.0)
     places = [(0.5, -0.2, 0.35), (0.5, -0.2, -0.018), (0.5, -0.2, 0.35)]
     trajectory = through(arm, places, [None] * 3)
-    found = known(first_hit(scene, trajectory))
+    found = not_none(first_hit(scene, trajectory))
     assert (found.keyframe, found.at_keyframe) == (1, True)
     error = collision_error(scene, trajectory, found)
     assert error.message.startswith(f"at keyframe 1 (t = {found.t:.1f} s): panda_")

@@ -24,9 +24,9 @@ from pbd.data import Gripper, JointTrajectory, Robot
 from pbd.pose import Array, Pose, quat_about_z, quat_inverse, quat_rotate
 from tests.arm.bundled import KINDS, NAMES, arm_of
 from tests.arm.collision_oracles import coordinates, hull_distance, placements, points_of, rounding_of
-from tests.arm.dense import joint_values
+from tests.arm.dense_collision_check import joint_values
 from tests.audit.test_audit import spline
-from tests.known import known
+from tests.not_none import not_none
 
 
 def links_only(arm: ArmModel) -> Clearance:
@@ -273,7 +273,7 @@ def test_an_allowed_contact_is_ignored() -> None:
     clearance.allowed = {0: lambda T_base_tool: True}
     assert clearance.first_contact(path) is None
     clearance.allowed = {0: lambda T_base_tool: bool(np.arctan2(T_base_tool.p[1], T_base_tool.p[0]) < 0.6)}
-    met = known(clearance.first_contact(path))
+    met = not_none(clearance.first_contact(path))
     assert 0.6 <= path.x[met.first, 0] < 0.61
 
 
@@ -294,7 +294,7 @@ def test_the_first_contact_does_not_depend_on_the_order_of_pairs() -> None:
     early = replace(ball, name="early", T_joint_body=Pose(np.zeros(3), quat_about_z(-0.3)) @ ball.T_joint_body)
     bodies = [*clearance.bodies, early]
     for pairs in ([[0, 1], [0, 2]], [[0, 2], [0, 1]]):
-        met = known(Clearance(arm, bodies, np.array(pairs)).first_contact(swing(arm, 1.2)))
+        met = not_none(Clearance(arm, bodies, np.array(pairs)).first_contact(swing(arm, 1.2)))
         assert pairs[met.pair] == [0, 2]
 
 
@@ -304,7 +304,7 @@ def test_of_contacts_that_begin_together_the_deepest_is_named() -> None:
     balls = [beside(arm, -depth).bodies[1] for depth in (0.02, 0.03)]
     bodies = [hand, *(replace(ball, name=str(ball), T_joint_body=back @ ball.T_joint_body) for ball in balls)]
     for pairs in ([[0, 1], [0, 2]], [[0, 2], [0, 1]]):
-        met = known(Clearance(arm, bodies, np.array(pairs)).first_contact(swing(arm, 1.2)))
+        met = not_none(Clearance(arm, bodies, np.array(pairs)).first_contact(swing(arm, 1.2)))
         assert pairs[met.pair] == [0, 2]
 
 
@@ -403,7 +403,7 @@ def test_a_pair_that_touches_less_often_is_checked(tmp_path: Path, panda: Robot)
 def test_pairs_that_nearly_always_touch_are_listed_as_unchecked(tmp_path: Path, panda: Robot) -> None:
     """The hand clears a foot of 13.8 cm only at the smallest tilts, in three of a hundred configurations."""
     why = dropped(nested(tmp_path, panda, foot=0.1378))[frozenset(("foot", "hand"))]
-    found = known(re.fullmatch(r"touch in (\d+) of 200 random configurations", why))
+    found = not_none(re.fullmatch(r"touch in (\d+) of 200 random configurations", why))
     assert 190 <= int(found[1]) < 200
     assert dropped(nested(tmp_path, panda, foot=0.1378))[frozenset(("foot", "hand"))] == why
     assert frozenset(("foot", "hand")) not in dropped(nested(tmp_path, panda, foot=0.1334))  # in nine of ten

@@ -18,7 +18,7 @@ from pbd.data.world import TABLE, ObjectPhase
 from pbd.pose import Array, Pose, quat_from_rpy
 from tests.arm.bundled import KINDS, NAMES, arm_of
 from tests.arm.collision_oracles import coordinates, placements, points_of
-from tests.known import known
+from tests.not_none import not_none
 
 DOWN = quat_from_rpy((np.pi, 0.0, 0.0))
 BOTTLE = GraspedObject("cylinder", (0.06, 0.2))
@@ -34,7 +34,7 @@ def at(arm: ArmModel, x: float, y: float, z: float) -> Array:
 @pytest.mark.parametrize("name", NAMES)
 def test_home_is_free(name: str) -> None:
     arm = arm_of(name)
-    dock = known(arm.robot.dock)
+    dock = not_none(arm.robot.dock)
     assert CollisionScene(arm, dock.table_height, dock.obstacles).hit(arm.robot.home) is None
 
 
@@ -73,10 +73,10 @@ def test_known_contacts(name: str, joints: dict[int, float], links: set[str]) ->
     q = arm.robot.home.copy()
     for joint, angle in joints.items():
         q[joint] = angle
-    hit = known(CollisionScene(arm).hit(q))
+    hit = not_none(CollisionScene(arm).hit(q))
     assert {hit.first, hit.second} <= links
     assert hit.depth > 0.005
-    move = known(CollisionScene(arm).check_path(np.stack((arm.robot.home, q))))
+    move = not_none(CollisionScene(arm).check_path(np.stack((arm.robot.home, q))))
     assert 0.3 < move.share < 1.0
     assert (
         CollisionScene(arm).check_path(arm.robot.home + np.outer((0.0, move.share * 0.95), q - arm.robot.home)) is None
@@ -192,8 +192,8 @@ def test_legs_have_the_place_of_the_object_and_the_gripper_opening(arm: ArmModel
         False,
     ]
     before, after = grasps[0].phase, grasps[-1].phase
-    assert_allclose(known(before).pose.p, (0.4, 0.0, 0.1), atol=1e-12)  # it stands on the table
-    assert_allclose(known(after).pose.p, (0.5, 0.0, 0.1), atol=1e-12)
+    assert_allclose(not_none(before).pose.p, (0.4, 0.0, 0.1), atol=1e-12)  # it stands on the table
+    assert_allclose(not_none(after).pose.p, (0.5, 0.0, 0.1), atol=1e-12)
 
 
 def test_without_a_gripper_or_an_object_nothing_is_carried(arm: ArmModel) -> None:
@@ -217,7 +217,7 @@ def test_a_held_object_touches_what_the_arm_does_not(arm: ArmModel) -> None:
     grasp = held(Pose.from_rpy((0, 0, 0.15), (0, 0, 0)))
     q = at(arm, 0.5, 0.0, 0.38)
     assert scene.hit(q) is None
-    hit = known(scene.hit(q, grasp))
+    hit = not_none(scene.hit(q, grasp))
     assert (hit.first, hit.second) == ("the cylinder", "box")
     assert hit.depth == pytest.approx(0.02, abs=1e-4)
     assert scene.hit(at(arm, 0.5, 0.0, 0.41), grasp) is None
@@ -229,7 +229,7 @@ def test_a_held_object_may_touch_the_gripper_but_not_the_arm(arm: ArmModel) -> N
     q = at(arm, 0.5, 0.0, 0.3)
     down, across = Pose.from_rpy((0, 0, 0.5), (0, 0, 0)), Pose.from_rpy((0, 0, 0), (0, np.pi / 2, 0))
     assert scene.hit(q, held(down)) is None  # it goes up through the whole hand
-    hit = known(scene.hit(q, held(across)))
+    hit = not_none(scene.hit(q, held(across)))
     assert hit.second == "the cylinder"
     assert hit.first in ("panda_link0", "panda_link1")
 
@@ -240,7 +240,7 @@ def test_a_standing_object_may_touch_the_gripper_but_not_the_arm(arm: ArmModel) 
     assert scene.hit(at(arm, 0.5, 0.0, 0.15), GraspState(1.0, standing)) is None
     elbow = arm.robot.home
     forearm = placements(arm, np.append(elbow, 1.0))[5].p
-    hit = known(scene.hit(elbow, GraspState(1.0, replace(standing, pose=Pose(forearm, DOWN)))))
+    hit = not_none(scene.hit(elbow, GraspState(1.0, replace(standing, pose=Pose(forearm, DOWN)))))
     assert hit.second == "the cylinder"
 
 
@@ -264,7 +264,7 @@ def test_a_wall_beside_the_object_is_no_support(arm: ArmModel) -> None:
     wall = Obstacle("wall", "box", (0.02, 0.4, 0.06), Pose.from_rpy((0.5, 0.0, 0.03), (0, 0, 0)))
     scene = CollisionScene(arm, 0.0, [wall], BOTTLE)
     grasp = held(Pose.from_rpy((0, 0, 0), (np.pi, 0, 0)), Pose.from_rpy((0.465, 0.0, 0.1), (0, 0, 0)))
-    hit = known(scene.hit(at(arm, 0.465, 0.0, 0.1), grasp))
+    hit = not_none(scene.hit(at(arm, 0.465, 0.0, 0.1), grasp))
     assert hit.second == "wall"
     assert scene.hit(at(arm, 0.455, 0.0, 0.1), grasp) is None  # the table it may touch
 
@@ -275,6 +275,6 @@ def test_both_ends_of_a_move_count(arm: ArmModel) -> None:
     away = arm.robot.home + 0.5 * np.eye(7)[0]
     assert scene.hit(away) is None
     there, back = (scene.check_path(np.stack(move)) for move in ((away, arm.robot.home), (arm.robot.home, away)))
-    assert 0.5 < known(there).share < 1.0
-    assert known(back).share == 0.0
+    assert 0.5 < not_none(there).share < 1.0
+    assert not_none(back).share == 0.0
     assert scene.check_path(np.stack((away, away))) is None

@@ -28,7 +28,7 @@ from pbd.arm.timing.path_smoothing import curved_move
 from pbd.arm.tool_deviation import off_line
 from pbd.pose import Array, Pose, quat_rotate, quat_slerp
 from tests.arm.bundled import NAMES, arm_of
-from tests.known import known
+from tests.not_none import not_none
 
 SIX_AND_MORE = [name for name in NAMES if not is_partial(arm_of(name))]
 
@@ -43,7 +43,7 @@ def along(arm: ArmModel, distance: float) -> tuple[Pose, ...]:
 def known_ends(arm: ArmModel, poses: tuple[Pose, ...]) -> tuple[Array, Array]:
     q = arm.robot.home
     for pose in poses:
-        found = known(refine(arm, pose, q))
+        found = not_none(refine(arm, pose, q))
         q = found
     return arm.robot.home, q
 
@@ -52,7 +52,7 @@ def known_ends(arm: ArmModel, poses: tuple[Pose, ...]) -> tuple[Array, Array]:
 def test_each_pose_is_reached_and_no_joint_leaps(name: str) -> None:
     arm = arm_of(name)
     poses = along(arm, 0.05)
-    q = known(follow(arm, poses, *known_ends(arm, poses)))
+    q = not_none(follow(arm, poses, *known_ends(arm, poses)))
     assert np.abs(np.diff(q, axis=0)).max() < LEAP_RAD
     for pose, joints in zip(poses, q, strict=True):
         distance, angle = pose.distance(arm.forward(joints))
@@ -67,7 +67,7 @@ def test_the_tool_stays_on_the_line(name: str) -> None:
     """A straight move in joint space leaves the line."""
     arm = arm_of(name)
     poses = along(arm, 0.1)
-    q = known(follow(arm, poses, *known_ends(arm, poses)))
+    q = not_none(follow(arm, poses, *known_ends(arm, poses)))
     straight = np.linspace(q[0], q[-1], len(q))
     assert off_line(arm.forward_many(q)[0]) < 1e-7
     assert off_line(arm.forward_many(straight)[0]) > 1e-4
@@ -100,8 +100,8 @@ def test_an_elbow_that_flips_by_a_fifth_of_a_radian_is_a_leap() -> None:
     arm, q = arm_of("ur5"), np.array([0.3, -1.2, 0.1, -1.0, -1.4, 0.2])
     here = arm.forward(q)
     lower = Pose(here.p - np.array([0.0, 0.0, 1e-3]), here.wxyz)
-    flipped = known(flipped_elbow(arm, q))
-    end = known(refine(arm, lower, flipped))
+    flipped = not_none(flipped_elbow(arm, q))
+    end = not_none(refine(arm, lower, flipped))
     assert 0.1 < np.abs(end - q).max() < 0.25
     assert follow(arm, (here, lower), q, end) is None
 
@@ -114,7 +114,7 @@ def test_a_wrist_near_its_singularity_may_turn_fast(rpy: tuple[float, float, flo
     for side in (-1.0, 1.0):
         q = middle
         for turn in side * turns:
-            found = known(refine(arm, arm.forward(middle) @ Pose.from_rpy((0, 0, 0), turn * np.array(rpy)), q))
+            found = not_none(refine(arm, arm.forward(middle) @ Pose.from_rpy((0, 0, 0), turn * np.array(rpy)), q))
             q = found
         ends.append(q)
     assert np.abs(ends[1] - ends[0]).max() > 1.2
@@ -176,7 +176,7 @@ def test_a_redundant_arm_led_around_a_square_comes_back_as_it_left(name: str) ->
     corners = [Pose(home.p + np.array((0.0, *yz)), home.wxyz)
                for yz in ((0.0, 0.0), (0.2, 0.0), (0.2, -0.2), (-0.2, -0.2), (-0.2, 0.0), (0.0, 0.0))]  # fmt: skip
     poses = [home, *(pose for start, end in pairwise(corners) for pose in line(start, end)[1:])]
-    q = known(follow(arm, poses, arm.robot.home, arm.robot.home))
+    q = not_none(follow(arm, poses, arm.robot.home, arm.robot.home))
     steps = np.abs(np.diff(q, axis=0)).max(axis=1)
     assert steps[-1] < 2.0 * steps[:-1].max()
 
@@ -221,7 +221,7 @@ def test_the_tool_is_kept_on_its_line_where_joints_turn_fast(name: str, seed: in
 def test_nothing_is_added_where_the_tool_is_on_its_path() -> None:
     arm = arm_of("ur5")
     poses = along(arm, 0.1)
-    q = known(follow(arm, poses, *known_ends(arm, poses)))
+    q = not_none(follow(arm, poses, *known_ends(arm, poses)))
     np.testing.assert_array_equal(keep_on_path(arm, poses, q), q)
     here = np.repeat(q[:1], 8, axis=0)
     np.testing.assert_array_equal(keep_on_path(arm, poses[:1] * 8, here), here)

@@ -19,7 +19,7 @@ from pbd.pose import Array
 from tests.arm.bundled import arm_of
 from tests.arm.timing.test_speed_profile import limits_of, random_waypoints
 from tests.arm.toppra_oracle import toppra_duration
-from tests.known import known
+from tests.not_none import not_none
 
 
 def at(pieces: PiecewiseCubic, places: int = 5) -> Array:
@@ -64,14 +64,14 @@ def test_the_times_of_the_segments_are_linearised_as_finite_differences_say() ->
 
 def test_the_path_parameter_is_the_time_of_the_slowest_joint() -> None:
     waypoints = np.array([[0.0, 0.0], [1.0, 0.5], [1.0, -0.5]])
-    curve = known(Curve.through(waypoints, replace(limits_of(2.0, 8.0, 80.0, 2), velocity=np.array([2.0, 0.5]))))
+    curve = not_none(Curve.through(waypoints, replace(limits_of(2.0, 8.0, 80.0, 2), velocity=np.array([2.0, 0.5]))))
     np.testing.assert_allclose(curve.s, [0.0, 1.0, 3.0], atol=1e-12)
 
 
 @pytest.mark.parametrize(("jerk", "seed"), [(8000.0, 0), (400.0, 1), (80.0, 0), (20.0, 1)])
 def test_limits_are_kept_ends_are_met_and_the_curve_is_followed(jerk: float, seed: int) -> None:
     limits, waypoints = limits_of(2.0, 8.0, jerk), random_waypoints(seed)
-    curve = known(Curve.through(waypoints, limits))
+    curve = not_none(Curve.through(waypoints, limits))
     pieces = curved_move(waypoints, limits, 1.0)
     assert all(share <= 1.0 + 1e-4 for share in shares(pieces, limits))
     assert max(shares(pieces, limits)) > 0.99
@@ -102,7 +102,7 @@ def test_pieces_join_at_any_size_and_speed(seed: int, factor: float, size: float
 def test_with_a_high_jerk_limit_it_is_near_the_optimum_without_one(seed: int) -> None:
     limits = arm_of("panda").limits
     waypoints = arm_of("panda").robot.home + random_waypoints(seed, joints=7, spread=0.1)
-    curve = known(Curve.through(waypoints, limits))
+    curve = not_none(Curve.through(waypoints, limits))
     assert ((waypoints > limits.lower) & (waypoints < limits.upper)).all()
     reference = toppra_duration(curve.s, curve.q(curve.s), limits)
     assert curved_move(waypoints, limits, 1.0).duration <= 1.01 * reference
@@ -150,7 +150,7 @@ def test_steps_that_keep_the_jerk_are_as_long_as_the_curve_allows(
     monkeypatch.setattr(path_smoothing, "jerk_limited_profile", lambda s, x_max, *_: SpeedProfile(s, x_max))
     limits, waypoints = limits_of(2.0, 8.0, 0.02), random_waypoints(2, spread=spread)
     limits = replace(limits, acceleration=np.array([4.0, 8.0, 2.0]))
-    curve = known(Curve.through(waypoints, limits))
+    curve = not_none(Curve.through(waypoints, limits))
     h = np.sqrt(1e-3 / (13.0 / 24.0 * 8.0 * factor))
     steps = bound or curve.profile(limits, factor).t[-1] / h
     assert len(curved_move(waypoints, limits, factor).durations) == pytest.approx(steps + 4.0, abs=1.0)
@@ -196,7 +196,7 @@ def test_position_limits_are_kept_between_waypoints_at_a_limit(jerk: float) -> N
     one = np.minimum(np.linspace(-0.5, 0.5, 30), 0.0)
     waypoints = np.column_stack((one, np.linspace(0.0, 1.0, 30), np.zeros(30)))
     limits = replace(limits_of(2.0, 8.0, jerk), upper=np.array([0.0, 100.0, 100.0]))
-    curve = known(Curve.through(waypoints, limits))
+    curve = not_none(Curve.through(waypoints, limits))
     assert curve.q(np.linspace(0.0, curve.s[-1], 1000))[:, 0].max() > 1e-4
     pieces = curved_move(waypoints, limits, 1.0)
     assert at(pieces, 20)[:, 0].max() <= 1e-9

@@ -16,7 +16,7 @@ from pbd.data import JointTrajectory
 from pbd.errors import PbdWarning, PlanError
 from pbd.pose import Array
 from tests.arm.conftest import random_joints
-from tests.arm.straight import time_keyframes
+from tests.arm.straight_moves import time_keyframes
 
 
 def move(arm: ArmModel, start: Array, end: Array, speed: float = 1.0) -> JointTrajectory:

@@ -12,8 +12,8 @@ from pbd.data import Recording
 from pbd.pose import Array
 from pbd.simulation.simulate import random_task
 from pbd.track_alone import METHODS
-from tests.scenarios import simulate, with_rows
-from tests.tracking.faults import every_method, path_or_none, quietly, with_channel
+from tests.scenarios import simulate, with_channel, with_rows
+from tests.tracking.track_or_refuse import every_method, path_or_none, quietly
 
 
 @pytest.mark.filterwarnings("ignore:--method paper finds:pbd.errors.PbdWarning")

@@ -14,11 +14,11 @@ from pbd.simulation.simulate import random_task
 from pbd.simulation.tasks import Task
 from pbd.tracking.first_rest import find_rest
 from pbd.tracking.repair.repair_recording import repair_recording
-from tests.scenarios import keyframes_and_errors, pour, simulate, with_rows
+from tests.scenarios import broken, keyframes_and_errors, pour, simulate, with_channel, with_rows
 from tests.tracking.fault_matrix import Case, named, outcome
-from tests.tracking.faults import broken, every_method, quietly, with_channel
+from tests.tracking.track_or_refuse import every_method, quietly
 
-pytestmark = pytest.mark.usefixtures("remembered")
+pytestmark = pytest.mark.usefixtures("cached_results")
 
 every_channel = pytest.mark.parametrize("channel", ["acc", "gyr", "mag", "device_rpy"])
 

@@ -20,10 +20,10 @@ from pbd.tracking.keyframes import find_keyframes
 from pbd.tracking.online.sample_repair import JUDGED_ROWS
 from pbd.tracking.repair.clock import even_stamps, with_checked_times
 from pbd.tracking.repair.repair_recording import repair_recording
-from tests.known import known
+from tests.not_none import not_none
 from tests.scenarios import simulate, truth_at, uncalibrated, with_rows
 
-pytestmark = pytest.mark.usefixtures("remembered")
+pytestmark = pytest.mark.usefixtures("cached_results")
 
 RATES = [("os5000", None), ("modern", None), ("modern", 95.0), ("wt901", 41.0), ("modern", 286.0)]
 
@@ -163,7 +163,7 @@ def test_samples_that_wait_once_are_no_gap() -> None:
     """A host is busy for 60 ms in a move: six samples come together, and none is lost."""
     demo = simulate("pour", "modern", 1, rate_hz=100.0)
     t = demo.recording.t.copy()
-    row = int(np.argmax(np.linalg.norm(known(demo.recording.gyr), axis=1)))
+    row = int(np.argmax(np.linalg.norm(not_none(demo.recording.gyr), axis=1)))
     t[row : row + 6] = t[row + 6] - 0.01 * np.linspace(0.9, 0.1, 6)
     assert "missing" not in said(replace(demo.recording, t=t))
 

@@ -15,10 +15,10 @@ from pbd.simulation.tasks import Task
 from pbd.tracking.repair.channel_faults import frozen_rows
 from pbd.tracking.repair.gaps import Gap
 from pbd.tracking.repair.repair_recording import _longest_unbroken
-from tests.scenarios import keyframes_and_errors, pour, simulate, with_rows
-from tests.tracking.faults import broken, quietly
+from tests.scenarios import broken, keyframes_and_errors, pour, simulate, with_rows
+from tests.tracking.track_or_refuse import quietly
 
-pytestmark = pytest.mark.usefixtures("remembered")
+pytestmark = pytest.mark.usefixtures("cached_results")
 
 
 def coarse(acc_mg: float, gyr_deg_s: float) -> SensorModel:

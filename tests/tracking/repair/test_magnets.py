@@ -17,7 +17,7 @@ from pbd.simulation.simulate import SENSOR_MODELS, TASKS, World, random_task
 from pbd.tracking.keyframes import find_keyframes
 from tests.scenarios import pour, simulate, truth_at, uncalibrated
 
-pytestmark = pytest.mark.usefixtures("remembered")
+pytestmark = pytest.mark.usefixtures("cached_results")
 
 MAGNETIC = re.compile(r"the magnetic field changes by (\d+) % from ([\d.]+) s on: heading is taken from the gyro")
 

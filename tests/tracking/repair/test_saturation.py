@@ -23,8 +23,8 @@ from pbd.tracking.keyframes import find_keyframes
 from pbd.tracking.repair.saturation import Clip, clips_of, declip, find_clips
 from tests.benchmarks.tracking import stride_errors
 from tests.benchmarks.trials import read_broad
-from tests.known import known
 from tests.near import assert_near
+from tests.not_none import not_none
 from tests.scenarios import simulate, truth_at, with_rows
 
 clipping = pytest.mark.filterwarnings("ignore:.*end of the range:pbd.errors.PbdWarning")
@@ -43,7 +43,7 @@ def fast(seed: int) -> Task:
 def errors_in_m_and_sigma(demo: Demonstration) -> tuple[float, list[float]]:
     """The largest error of a keyframe, m; and all errors along each axis in the tracker's own sigmas."""
     keyframes = find_keyframes(track(demo.recording))
-    off = np.array([k.T_nav_sensor.p - truth_at(known(demo.truth), k.t) for k in keyframes])
+    off = np.array([k.T_nav_sensor.p - truth_at(not_none(demo.truth), k.t) for k in keyframes])
     sigma = np.sqrt([np.diagonal(k.cov)[:3] for k in keyframes])
     return float(np.linalg.norm(off, axis=1).max()), (off[1:] / sigma[1:]).ravel().tolist()
 
@@ -102,7 +102,7 @@ def test_each_sensors_end_is_named() -> None:
     recording = simulate("pour", "modern", 0).recording
     ends = {"gyr": np.radians(31.25), "acc": 1.2 * GRAVITY}
     acc = np.clip(1.6 * recording.acc, -ends["acc"], ends["acc"])
-    clipped = replace(recording, gyr=np.clip(known(recording.gyr), -ends["gyr"], ends["gyr"]), acc=acc)
+    clipped = replace(recording, gyr=np.clip(not_none(recording.gyr), -ends["gyr"], ends["gyr"]), acc=acc)
     with pytest.warns(
         PbdWarning, match=r"accelerometer's .*z axes and the gyro's x axis are at .* \(1\.2 g and 31 deg/s\)"
     ):
@@ -140,7 +140,7 @@ def test_nothing_is_found_however_coarse_the_sensor(
 ) -> None:
     model = limited(sensor)
     acc = replace(model.acc, step=1e-3 * GRAVITY * acc_mg)
-    coarse = replace(model, acc=acc, gyr=replace(known(model.gyr), step=np.radians(gyr_deg)))
+    coarse = replace(model, acc=acc, gyr=replace(not_none(model.gyr), step=np.radians(gyr_deg)))
     assert clips_of(simulate(fast(seed), coarse, seed, rate_hz=rate_hz).recording) == ()
 
 
@@ -256,9 +256,11 @@ def test_the_roll_of_test_1_is_put_back_by_gravity() -> None:
     for seed in range(3):
         clipped = simulate("pick-and-place-stops", "os5000", seed)
         free = simulate("pick-and-place-stops", limited("os5000"), seed).recording
-        lost.append(np.degrees((known(free.gyr) - known(clipped.recording.gyr))[:, 0].sum() / 40.0))
+        lost.append(np.degrees((not_none(free.gyr) - not_none(clipped.recording.gyr))[:, 0].sum() / 40.0))
         path = track(clipped.recording)
-        turn = quat_log(quat_multiply(path.wxyz_nav_sensor[-1], quat_inverse(known(clipped.truth).wxyz_nav_sensor[-1])))
+        turn = quat_log(
+            quat_multiply(path.wxyz_nav_sensor[-1], quat_inverse(not_none(clipped.truth).wxyz_nav_sensor[-1]))
+        )
         tilt.append(np.degrees(np.hypot(turn[0], turn[1])))
     assert np.median(lost) > 4.0
     assert np.median(tilt) < 1.0
@@ -314,7 +316,7 @@ def test_a_clipped_turn_about_the_vertical_is_put_back_by_the_move_around_it() -
         demo = simulate(random_task(3, moves=4), limited("modern", 60.0), seed)
         path = track(replace(demo.recording, mag=None))
         at = [(stop.start + stop.stop) // 2 for stop in path.stops]
-        true = quat_inverse(known(demo.truth).wxyz_nav_sensor[at])
+        true = quat_inverse(not_none(demo.truth).wxyz_nav_sensor[at])
         heading = quat_log(quat_multiply(path.wxyz_nav_sensor[at], true))[:, 2]
         off += (heading[1:] - heading[0]).tolist()
         sigmas += np.sqrt(path.cov[1:, 5, 5]).tolist()

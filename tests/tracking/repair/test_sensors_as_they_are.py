@@ -25,11 +25,10 @@ from pbd.tracking.repair.gyro_consistency import find_steady, refuse_disagreemen
 from pbd.tracking.repair.repair_recording import repair_recording
 from pbd.tracking.repair.splices import without_wild
 from tests.benchmarks.trials import read_broad
-from tests.known import known
-from tests.scenarios import keyframes_and_errors, pour, simulate, uncalibrated, with_rows
-from tests.tracking.faults import with_channel
+from tests.not_none import not_none
+from tests.scenarios import keyframes_and_errors, pour, simulate, uncalibrated, with_channel, with_rows
 
-pytestmark = pytest.mark.usefixtures("remembered")
+pytestmark = pytest.mark.usefixtures("cached_results")
 
 WITH_GYRO = ["os5000", "wt901", "modern", "ideal"]
 
@@ -217,7 +216,7 @@ def test_an_axis_across_a_smooth_motion_of_a_sensor_without_noise_is_not_stuck()
 def test_a_gyro_that_says_zero_at_rest_is_not_stuck() -> None:
     """Some sensors subtract their own bias whenever they detect rest."""
     demo = pour("wt901", 1)
-    gyr = known(demo.recording.gyr)
+    gyr = not_none(demo.recording.gyr)
     still = np.array([np.abs(gyr[max(i - 20, 0) : i + 20]).max() < 0.03 for i in range(len(gyr))])
     assert still.mean() > 0.2
     quiet = replace(demo.recording, gyr=np.where(still[:, None], 0.0, gyr))
@@ -256,7 +255,7 @@ def turned(gyr: Array, how: str) -> Array:
 
 
 def spoilt(demo: Demonstration, how: str) -> Recording:
-    return replace(demo.recording, gyr=turned(known(demo.recording.gyr), how))
+    return replace(demo.recording, gyr=turned(not_none(demo.recording.gyr), how))
 
 
 @pytest.mark.parametrize("sensor", ["os5000", "modern"])
@@ -275,7 +274,7 @@ def test_a_real_gyro_in_degrees_is_found_out_and_a_good_one_is_not(data_folder: 
             good, _ = repair_recording(recording)
         if name.endswith((" 40", " 1")):
             with pytest.raises(RecordingError, match="--unit gyr=deg/s"):
-                refuse_disagreement(replace(good, gyr=np.degrees(known(good.gyr))))
+                refuse_disagreement(replace(good, gyr=np.degrees(not_none(good.gyr))))
 
 
 @settings(max_examples=12, deadline=None)
@@ -302,7 +301,7 @@ def test_a_phone_that_saves_power_by_a_lower_rate_is_no_wrong_gyro(every: int) -
     assert saving.rate_hz == pytest.approx(200.0)
     refuse_disagreement(saving)
     with pytest.raises(RecordingError, match="--unit gyr=deg/s"):
-        refuse_disagreement(replace(saving, gyr=np.degrees(known(saving.gyr))))
+        refuse_disagreement(replace(saving, gyr=np.degrees(not_none(saving.gyr))))
 
 
 @pytest.mark.parametrize("seed", [2, 9, 19])
@@ -310,7 +309,7 @@ def test_a_turn_about_the_vertical_is_not_taken_for_rest(seed: int) -> None:
     """In it the accelerometer is as quiet as at rest, but the gyro's mean is no bias."""
     recording = simulate(sides(seed), "wt901", seed).recording
     refuse_disagreement(recording)
-    bias = find_steady(recording.acc, known(recording.gyr), recording.rate_hz).gyro_bias
+    bias = find_steady(recording.acc, not_none(recording.gyr), recording.rate_hz).gyro_bias
     assert np.abs(bias).max() < np.radians(2.0)
 
 

@@ -31,7 +31,7 @@ from pbd.tracking.repair.gyro_consistency import (
     up_in_sensor,
     warn_upside_down,
 )
-from tests.known import known
+from tests.not_none import not_none
 from tests.scenarios import simulate, with_rows
 
 WITH_ATTITUDE = ("os5000", "os5000-nogyro", "wt901", "modern")
@@ -167,7 +167,7 @@ def test_a_gyros_bias_hides_no_wrong_axis() -> None:
     recording = replace(simulate(random_task(2, max_turn=1.8, moves=20), "modern", 2).recording, device_rpy=None)
     wrong = spoilt(recording, "gyr", mended_by)
     with pytest.raises(RecordingError, match=f"import the file with {mended_by}$"):
-        refuse_disagreement(replace(wrong, gyr=known(wrong.gyr) + np.radians((15.0, -15.0, 15.0))))
+        refuse_disagreement(replace(wrong, gyr=not_none(wrong.gyr) + np.radians((15.0, -15.0, 15.0))))
 
 
 @pytest.mark.parametrize("sensor", ["wt901", "modern"])
@@ -204,7 +204,7 @@ def test_times_in_a_wrong_scale_are_refused_where_the_hand_turns(task: str, slow
         return
     with pytest.raises(RecordingError, match=r"it turns about (\S+) times as far: .*--unit gyr=.*--rate") as caught:
         refuse_disagreement(recording)
-    found = known(re.search(r"about (\S+) times", caught.value.message))
+    found = not_none(re.search(r"about (\S+) times", caught.value.message))
     assert float(found[1]) == pytest.approx(slower, rel=0.1)
 
 
@@ -220,7 +220,7 @@ def test_a_level_hand_that_is_pushed_hard_does_not_tilt(move_s: float) -> None:
 
 def test_two_wrong_units_are_named_at_once() -> None:
     recording = replace(simulate("pour", "modern", 1).recording, device_rpy=None)
-    wrong = replace(recording, acc=recording.acc / GRAVITY, gyr=np.degrees(known(recording.gyr)))
+    wrong = replace(recording, acc=recording.acc / GRAVITY, gyr=np.degrees(not_none(recording.gyr)))
     with pytest.raises(RecordingError, match=r"import the file with --unit gyr=deg/s; with --unit acc=g too$"):
         refuse_disagreement(wrong)
 
@@ -254,7 +254,7 @@ def test_what_it_says_of_the_gyro_mends_it(order: tuple[int, ...], seed: int, tm
     columns = dict(re.findall(r"--column (g[xyz])=(-?g[xyz])", said))
     write_demo(Demonstration(wrong), tmp_path / "wrong")
     mended = import_file(tmp_path / "wrong" / "imu.csv", columns)
-    np.testing.assert_allclose(known(mended.recording.gyr), recording.gyr, atol=1e-6)
+    np.testing.assert_allclose(not_none(mended.recording.gyr), recording.gyr, atol=1e-6)
 
 
 def test_of_three_the_gyro_says_nothing() -> None:
@@ -323,7 +323,7 @@ def test_a_gyro_in_another_order_is_not_taken_for_another_unit_where_gravity_did
     """A hand that only yaws, with gx and gz swapped: in deg/s the gyro would not turn at all, and so would fit."""
     up = np.tile((0.0, 0.0, 1.0), (20, 1))
     gyro = np.radians(np.linspace(30.0, 60.0, 20))[:, None] * (1.0, 0.0, 0.0)
-    found = known(found_by_gravity(up, np.zeros((20, 3)), gyro))
+    found = not_none(found_by_gravity(up, np.zeros((20, 3)), gyro))
     assert found.message.startswith("gx, gy, gz are in another order (gravity turns too little to tell), or its values")
 
 
@@ -334,7 +334,7 @@ def test_a_hand_that_mostly_yaws_shows_by_its_few_tilts_which_axes_are_swapped()
     tilts = np.arange(20) < 8
     axes = np.column_stack((tilts * np.cos(heading), tilts * np.sin(heading), ~tilts))
     turns = angle[:, None] * axes
-    found = known(found_by_gravity(up, turns, turns[:, [2, 1, 0]] + 0.01))
+    found = not_none(found_by_gravity(up, turns, turns[:, [2, 1, 0]] + 0.01))
     assert found.message.startswith("gx and gz are swapped: import the file with --column gx=gz --column gz=gx")
 
 
@@ -345,7 +345,7 @@ def test_the_few_larger_turns_of_a_calm_hand_show_what_is_wrong() -> None:
         refuse_disagreement(spoilt(calm, "mag", "--column mx=my --column my=mx"))
     calm = simulate(random_task(2, moves=5, max_turn=np.radians(25.0)), "wt901", 2, rate_hz=100.0).recording
     with pytest.raises(RecordingError, match=r"turns about 2\.9 times as far"):
-        refuse_disagreement(replace(calm, gyr=3.0 * known(calm.gyr), mag=None, device_rpy=None))
+        refuse_disagreement(replace(calm, gyr=3.0 * not_none(calm.gyr), mag=None, device_rpy=None))
 
 
 @pytest.mark.parametrize(
@@ -353,7 +353,7 @@ def test_the_few_larger_turns_of_a_calm_hand_show_what_is_wrong() -> None:
 )
 def test_the_unit_of_the_gyro_is_named(per_rad: float, advice: str) -> None:
     turns = np.random.default_rng(0).uniform(-0.8, 0.8, (20, 3))
-    found = known(found_by_gravity(np.tile((0.0, 0.0, 1.0), (20, 1)), turns, per_rad * turns))
+    found = not_none(found_by_gravity(np.tile((0.0, 0.0, 1.0), (20, 1)), turns, per_rad * turns))
     assert found.message.endswith(f"; import the file with --unit gyr={advice}")
 
 
@@ -373,14 +373,14 @@ def test_of_two_turns_no_unit_is_told(turned: int, told: bool) -> None:
 
 def test_five_turns_tell_of_one_wrong_sign_with_the_first_pair_of_moments_that_shows_it() -> None:
     turns = np.vstack((np.zeros((2, 3)), np.random.default_rng(1).uniform(-1.0, 1.0, (5, 3))))
-    found = known(found_by_gravity(directions(7), turns, turns * (-1.0, 1.0, 1.0)))
+    found = not_none(found_by_gravity(directions(7), turns, turns * (-1.0, 1.0, 1.0)))
     assert found.message.startswith("gx has the wrong sign: import the file with --column gx=-gx")
     assert found.pair == 2
 
 
 def test_an_axis_that_a_third_of_the_turns_is_about_is_not_hidden_by_the_others() -> None:
     turns = 0.5 * np.eye(3)[[0] * 8 + [1] * 16]
-    found = known(found_by_gravity(np.tile((0.0, 0.0, 1.0), (24, 1)), turns, turns * (-1.0, 1.0, 1.0)))
+    found = not_none(found_by_gravity(np.tile((0.0, 0.0, 1.0), (24, 1)), turns, turns * (-1.0, 1.0, 1.0)))
     assert "gx has the wrong sign: import the file with --column gx=-gx" in found.message
 
 
@@ -391,7 +391,7 @@ def test_a_bent_field_hides_no_wrong_axis() -> None:
     up, field, bent = (each / np.linalg.norm(each, axis=1)[:, None] for each in (up, field, bent))
     turns = rng.uniform(-0.8, 0.8, (20, 3))
     witnesses = [Witness("a", up, quat_rotate(quat_exp(turns), up)), Witness("m", field, bent)]
-    found = known(find_axis_error(witnesses, lambda factor: quat_to_matrix(quat_exp(factor * turns[:, [1, 0, 2]]))))
+    found = not_none(find_axis_error(witnesses, lambda factor: quat_to_matrix(quat_exp(factor * turns[:, [1, 0, 2]]))))
     assert found.message == "gx and gy are swapped: import the file with --column gx=gy --column gy=gx"
 
 
@@ -402,7 +402,7 @@ def test_a_magnet_beside_the_sensor_is_no_wrong_axis(seed: int) -> None:
     rng = np.random.default_rng(seed)
     way = rng.normal(size=3)
     magnet = rng.uniform(30.0, 60.0) * way / np.linalg.norm(way)
-    refuse_disagreement(replace(calm, mag=known(calm.mag) + magnet))
+    refuse_disagreement(replace(calm, mag=not_none(calm.mag) + magnet))
 
 
 @pytest.mark.parametrize("axes", [1, 3])
@@ -412,4 +412,6 @@ def test_a_single_remedy_is_doubted_after_turns_about_one_axis(axes: int) -> Non
     turns = np.radians(rng.uniform(20.0, 60.0, (20, 1))) * (rng.normal(size=(20, 3)) if axes == 3 else (1.0, 0.0, 0.0))
     found = found_by_gravity(directions(20), turns, turns[:, [1, 0, 2]])
     doubt = " (the hand turned too little to be sure)" if axes == 1 else ""
-    assert known(found).message == f"gx and gy are swapped: import the file with --column gx=gy --column gy=gx{doubt}"
+    assert (
+        not_none(found).message == f"gx and gy are swapped: import the file with --column gx=gy --column gy=gx{doubt}"
+    )

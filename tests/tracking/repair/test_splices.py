@@ -18,7 +18,7 @@ from pbd.simulation.tasks import Task
 from pbd.tracking.repair import splices
 from pbd.tracking.repair.splices import _extrapolate, _unmet, in_order, refuse_doubled, without_wild
 from tests.benchmarks.trials import read_broad
-from tests.known import known
+from tests.not_none import not_none
 from tests.scenarios import pour, simulate, with_rows
 from tests.tracking.repair.test_sensors_as_they_are import real_recordings
 
@@ -35,7 +35,7 @@ def test_exchanged_blocks_are_put_back(sensor: str, seconds: float) -> None:
     with pytest.warns(PbdWarning, match=rf"rows {first} to {first + size - 1} .* put behind them"):
         mended = in_order(mixed)
     np.testing.assert_array_equal(mended.acc, recording.acc)
-    np.testing.assert_array_equal(known(mended.mag), recording.mag)
+    np.testing.assert_array_equal(not_none(mended.mag), recording.mag)
     by_device = replace(mixed, info=replace(mixed.info, clock=DEVICE_CLOCK))  # its times can't be exchanged
     assert in_order(by_device) is by_device
 
@@ -97,7 +97,7 @@ def test_wild_gyro_rows_are_left_out_however_small(rows: int) -> None:
     gyr[500 : 500 + rows, 1] += 1.0
     with pytest.warns(PbdWarning, match=f"^{rows} impossible samples? left out"):
         mended = without_wild(replace(recording, gyr=gyr))
-    assert np.abs(known(mended.gyr) - recording.gyr).max() < 0.1
+    assert np.abs(not_none(mended.gyr) - recording.gyr).max() < 0.1
 
 
 @pytest.mark.parametrize(
@@ -143,7 +143,7 @@ def test_a_turn_is_real_if_a_knock_pushed_the_sensor_as_much(
 ) -> None:
     """2 rad/s within 10 ms, about a point 2 cm away or further: 4 m/s2 or more, and more than the hand shakes."""
     recording = pour("wt901", 1).recording
-    acc, gyr = recording.acc.copy(), known(recording.gyr).copy()
+    acc, gyr = recording.acc.copy(), not_none(recording.gyr).copy()
     acc[:, 0] += np.resize((shake, -shake), len(acc))
     acc[500 + late, 0] += push
     gyr[500, 1] += 2.0
@@ -156,7 +156,7 @@ def test_a_turn_is_real_if_a_knock_pushed_the_sensor_as_much(
 def test_a_hand_that_meets_a_table_is_no_wild_sample() -> None:
     """The hand stops from 8 cm/s within a sample, and may rock."""
     recording = pour("os5000", 1).recording
-    acc, gyr = recording.acc.copy(), known(recording.gyr).copy()
+    acc, gyr = recording.acc.copy(), not_none(recording.gyr).copy()
     acc[200, 2] += 3.0
     gyr[200:204, 0] += (0.4, -0.3, 0.2, -0.1)
     met = replace(recording, acc=acc, gyr=gyr)
@@ -214,7 +214,7 @@ def test_the_readings_of_a_coarse_sensor_recur_but_no_block_came_twice(data_fold
     """With 8 bits over 2 g and 250 degrees/s, a hand that rests shows the same six rows again."""
     (file,) = (data_folder / "broad").glob("05_*.npz")
     fine = read_broad(file)["286"].recording
-    acc, gyr = coarsely(fine.acc, 4.0 * GRAVITY / 256.0), coarsely(known(fine.gyr), np.radians(500.0) / 256.0)
+    acc, gyr = coarsely(fine.acc, 4.0 * GRAVITY / 256.0), coarsely(not_none(fine.gyr), np.radians(500.0) / 256.0)
     coarse = replace(fine, acc=acc, gyr=gyr)
     refuse_doubled(coarse)
     fastest = int(np.argmax(np.abs(gyr).max(axis=1)))

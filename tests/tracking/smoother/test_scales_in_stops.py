@@ -8,7 +8,7 @@ from pbd.tracking.noise import BARE
 from pbd.tracking.smoother.knots import Problem, _fix_sway
 from pbd.tracking.smoother.preintegration import ACC_MATRIX, ERRORS, GYR_MATRIX, POS, VEL, Legs
 from pbd.tracking.smoother.state import lower_matrix
-from tests.known import known
+from tests.not_none import not_none
 from tests.scenarios import simulate
 from tests.tracking.smoother.test_smoother import smoothed
 
@@ -18,7 +18,7 @@ N = np.array((0.3, -0.2, 0.5, 0.7, -0.4, 0.1))
 
 @pytest.fixture(scope="module")
 def problem() -> Problem:
-    return known(smoothed(simulate("pour", "wt901", 0).recording).solution).problem
+    return not_none(smoothed(simulate("pour", "wt901", 0).recording).solution).problem
 
 
 def test_in_a_stop_the_accelerometers_matrix_multiplies_the_mean_force(problem: Problem) -> None:
@@ -52,5 +52,5 @@ def test_only_moves_show_the_gyros_scales(problem: Problem) -> None:
 @pytest.mark.parametrize("seed", [0, 1])
 def test_noise_and_sway_raise_no_scale(seed: int) -> None:
     """Pouring turns the hand about x, which stays level: gravity never shows this axis' scale, of a prior of 1 %."""
-    found = known(smoothed(simulate("pour", "wt901", seed).recording).solution).state.shared[ACC_MATRIX]
+    found = not_none(smoothed(simulate("pour", "wt901", seed).recording).solution).state.shared[ACC_MATRIX]
     assert abs(found[0]) < 0.3 * BARE.acc_scale

@@ -36,7 +36,7 @@ from pbd.tracking.smoother.preintegration import GYR_MATRIX, LAG, POS, ROT, VEL,
 from pbd.tracking.smoother.smooth import _initial_state
 from pbd.tracking.smoother.state import SHARED, SHARED_PIVOT
 from tests.benchmarks.trials import with_drift
-from tests.known import known
+from tests.not_none import not_none
 from tests.scenarios import simulate
 
 SENSORS = ("os5000", "wt901", "modern")
@@ -49,7 +49,7 @@ def smoothed(recording: Recording) -> Estimate:
 
 
 def test_a_devices_own_attitude_is_believed_at_rest_and_not_where_it_turns() -> None:
-    solution = known(smoothed(simulate("pour", "os5000-nogyro", 0).recording).solution)
+    solution = not_none(smoothed(simulate("pour", "os5000-nogyro", 0).recording).solution)
     problem, noise = solution.problem, solution.problem.noise
     equations = NormalEquations.empty(len(problem.rows), SHARED)
     _add_device_attitude(equations, problem, solution.state)
@@ -60,7 +60,7 @@ def test_a_devices_own_attitude_is_believed_at_rest_and_not_where_it_turns() -> 
 
 
 def test_the_first_and_the_last_row_are_knots() -> None:
-    solution = known(smoothed(simulate("pour", "modern", 0).recording).solution)
+    solution = not_none(smoothed(simulate("pour", "modern", 0).recording).solution)
     assert (solution.problem.rows[0], solution.problem.rows[-1]) == (0, len(solution.problem.frame.t) - 1)
 
 
@@ -76,7 +76,7 @@ def test_a_hand_at_rest_may_turn_twice_as_far_as_it_sways_about_a_steady_turn() 
 
 def test_a_gap_hides_a_move_from_rest_to_rest_and_a_turn() -> None:
     """A move of `unseen_speed` times its length: the integral of a random walk that is tied to zero at both ends."""
-    problem = known(smoothed(simulate("pour", "modern", 0).recording).solution).problem
+    problem = not_none(smoothed(simulate("pour", "modern", 0).recording).solution).problem
     frame, rest, noise, gap = problem.frame, problem.rest, problem.noise, (20, 29)
     seen, hidden = (row_noise(frame, rest, noise, gaps, no_gyro=False) for gaps in ([], [gap]))
     turn, move = (after[0] - before[0] for before, after in zip(seen, hidden, strict=True))
@@ -91,7 +91,7 @@ def test_a_gap_hides_a_move_from_rest_to_rest_and_a_turn() -> None:
 @pytest.mark.parametrize("sensor", ["modern", "os5000-nogyro"])
 def test_the_first_knots_biases_are_as_large_as_such_a_device_has_them(sensor: str) -> None:
     """The random walk ties the other knots' biases to the first."""
-    solution = known(smoothed(simulate("pour", sensor, 0).recording).solution)
+    solution = not_none(smoothed(simulate("pour", sensor, 0).recording).solution)
     problem, x, noise = solution.problem, solution.state, solution.problem.noise
     equations = NormalEquations.empty(len(problem.rows), SHARED)
     _add_priors(equations, problem, x, solution.fixed)
@@ -165,7 +165,7 @@ def test_a_foot_turns_about_the_point_that_it_treads_on() -> None:
     noisy = [values + rng.normal(size=values.shape) * sigma for values, sigma in ((acc, 0.03), (gyr, 0.002))]
     found = smoothed(Recording(t - t[0], *noisy))
     assert len(found.stops) == 11
-    assert known(found.solution).state.shared[SHARED_PIVOT] == pytest.approx(r, abs=0.03)
+    assert not_none(found.solution).state.shared[SHARED_PIVOT] == pytest.approx(r, abs=0.03)
     assert np.linalg.norm(found.path.p[-1] - found.path.p[0]) == pytest.approx(10.0, abs=0.02)
 
 
@@ -207,7 +207,7 @@ def test_a_hand_that_moves_on_for_long_is_brought_back_from_where_dead_reckoning
     demo = simulate(replace(task, waypoints=(*task.waypoints[:-1], last)), "modern", 8)
     found = smoothed(demo.recording)
     assert len(found.stops) == 2
-    assert np.abs(found.path.p - known(demo.truth).p_nav_sensor).max() < 0.3
+    assert np.abs(found.path.p - not_none(demo.truth).p_nav_sensor).max() < 0.3
 
 
 def test_without_a_gyro_the_devices_attitude_serves() -> None:
@@ -300,7 +300,7 @@ def test_a_field_stronger_beyond_all_measure_has_no_weight() -> None:
 
 def test_without_a_compass_nothing_tells_the_heading() -> None:
     """Turning all about the vertical fits as well. A Hessian that says otherwise makes heading's sigma too small."""
-    solution = known(smoothed(replace(simulate("pour", "wt901", 0).recording, mag=None)).solution)
+    solution = not_none(smoothed(replace(simulate("pour", "wt901", 0).recording, mag=None)).solution)
     problem, x = solution.problem, solution.state
     equations, _ = linearise(problem, x, solution.fixed, whitener(problem, solution.fixed))
     turn = np.zeros((len(problem.rows), STATE))
@@ -328,7 +328,7 @@ def test_lag_and_scale_are_read_once_they_have_settled() -> None:
 
 def test_the_first_guess_moves_as_the_samples_say() -> None:
     """Without velocities the first step would turn the end of a long recording by radians."""
-    solution = known(smoothed(simulate("pour", "modern", 0).recording).solution)
+    solution = not_none(smoothed(simulate("pour", "modern", 0).recording).solution)
     first, _ = _initial_state(solution.problem, solution.fixed.prior)
     assert first.v == pytest.approx(solution.state.v, abs=0.1)
     assert np.abs(solution.state.v).max() > 0.3

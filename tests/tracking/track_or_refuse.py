@@ -1,7 +1,4 @@
-"""Damage a recording; track it, or have it refused."""
-
-from dataclasses import replace
-from typing import Any
+"""Track a recording, or have it refused."""
 
 import numpy as np
 import pytest
@@ -9,23 +6,10 @@ import pytest
 from pbd.data import HandPath, Recording
 from pbd.errors import PbdError
 from pbd.pipeline import track
-from pbd.pose import Array
 from pbd.track_alone import METHODS
 
 every_method = pytest.mark.parametrize("method", METHODS)
 quietly = pytest.mark.filterwarnings("ignore::pbd.errors.PbdWarning")
-
-
-def with_channel(recording: Recording, channel: str, values: Array | None) -> Recording:
-    changes: dict[str, Any] = {channel: values}
-    return replace(recording, **changes)
-
-
-def broken(recording: Recording, channel: str, rows: slice, value: float) -> Recording:
-    """Put one value into all columns of some rows of a channel."""
-    values = np.array(getattr(recording, channel))
-    values[rows] = value
-    return with_channel(recording, channel, values)
 
 
 def path_or_none(recording: Recording, method: str) -> HandPath | None:

@@ -2,17 +2,15 @@
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pbd.data import Demonstration, Recording
 from pbd.files.demo import write_demo
 from pbd.simulation.simulate import simulate
-from tests.cli.running import HEADER, write_recording
+from tests.cli.run_command import HEADER, write_recording
+from tests.scenarios import broken, with_channel, with_rows
 from tests.test_cli_motion import LOW_DOCK, OBSTACLE
-from tests.tracking.faults import broken, with_channel
 
 URDF = """<robot name="two"><link name="base"/><link name="upper">{mesh}</link><link name="tip"/>
 <joint name="one" type="revolute"><parent link="base"/><child link="upper"/><axis xyz="0 0 1"/>
@@ -70,7 +68,7 @@ FILES = {
 }
 
 
-def lay_out(folder: Path) -> None:
+def write_faulty_inputs(folder: Path) -> None:
     """Write them into a folder."""
     for name, text in FILES.items():
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
@@ -89,21 +87,12 @@ def spoilt(tea: Recording) -> dict[str, Recording]:
     moving = int(np.argmax(np.linalg.norm(tea.gyr, axis=1)))
     row = np.arange(len(tea))
     return {
-        "gap": rows(tea, (row < moving) | (row >= moving + 40)),
-        "lost": rows(tea, row % 50 != 7),
+        "gap": with_rows(tea, (row < moving) | (row >= moving + 40)),
+        "lost": with_rows(tea, row % 50 != 7),
         "degrees": with_channel(tea, "gyr", np.degrees(tea.gyr)),
         "dead": with_channel(tea, "gyr", np.zeros_like(tea.gyr)),
         "blind": broken(tea, "acc", slice(None), np.nan),
         "head": with_channel(tea, "acc", -tea.acc),
         "milliseconds": replace(tea, t=1e3 * tea.t),
-        "restless": rows(tea, row >= moving),
+        "restless": with_rows(tea, row >= moving),
     }
-
-
-def rows(recording: Recording, kept: NDArray[np.bool_]) -> Recording:
-    """A copy with some of its samples."""
-    channels: dict[str, Any] = {
-        name: None if (values := getattr(recording, name)) is None else values[kept]
-        for name in ("acc", "gyr", "mag", "device_rpy")
-    }
-    return replace(recording, t=recording.t[kept], **channels)

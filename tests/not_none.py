@@ -5,7 +5,7 @@ from typing import TypeVar
 _T = TypeVar("_T")
 
 
-def known(value: _T | None) -> _T:
+def not_none(value: _T | None) -> _T:
     """Assert that the value is there, and return it."""
     assert value is not None
     return value

@@ -21,7 +21,6 @@ from pbd.simulation.hand_motion import Waypoint
 from pbd.simulation.sensor_model import AttitudeOutput, SensorModel
 from pbd.simulation.simulate import SENSOR_MODELS, random_task
 from pbd.simulation.tasks import Task
-from pbd.track_alone import METHODS
 from pbd.tracking.paper import LAMBDA_V
 from tests.scenarios import simulate
 
@@ -35,7 +34,6 @@ MISSED = 2.0 * sqrt(LAMBDA_V)
 """m/s2: largest step of the resulting acceleration between two samples that Algorithm 1 does not detect. The variance
 of two samples is a quarter of the square of their difference."""
 
-every_method = pytest.mark.parametrize("method", METHODS)
 with_and_without_north = pytest.mark.parametrize("sensor", [PERFECT, NORTHLESS], ids=["north", "no north"])
 
 

@@ -15,9 +15,9 @@ from pbd.tracking.keyframes import find_keyframes
 from pbd.tracking.repair.gaps import Gap, find_gaps, refuse_gaps
 from tests.scenarios import pour, simulate, truth_at, with_hole, with_rows
 from tests.simulation.sway import with_sway
-from tests.tracking.faults import quietly
+from tests.tracking.track_or_refuse import quietly
 
-pytestmark = pytest.mark.usefixtures("remembered")
+pytestmark = pytest.mark.usefixtures("cached_results")
 
 EXACT = LinearErrors(np.zeros(3), np.eye(3), np.zeros(3))
 
