@@ -95,8 +95,7 @@ def test_a_start_at_a_keyframe_in_the_table_is_not_blamed_on_home() -> None:
     sunk = replace(dock(), T_base_dock=Pose(np.array([0.45, -0.15, -0.01]), TURN))
     options = PlanOptions(approach=False, allow_collision=True)
     plan = plan_keyframes([keyframe(0.0), keyframe(1.0, z=0.2)], sunk, PANDA, options)
-    assert plan.touching is not None
-    told = plan.touching.error.message
+    told = not_none(plan.touching).error.message
     assert told.startswith("at keyframe 0 (t = 0.0 s): panda_")
     assert "the table" in told
     assert told.endswith("; raise the keyframe, or raise the dock and with it the whole motion")

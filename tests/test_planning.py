@@ -38,6 +38,7 @@ from pbd.planning.preconditions import check_certainty
 from pbd.pose import Array, Pose, quat_exp
 from pbd.tracking.keyframes import find_keyframes
 from tests.arm.bundled import keyframes_of, path_of
+from tests.not_none import not_none
 from tests.result_cache import remembering
 
 PANDA, UR5 = pbd.load_robot("panda"), pbd.load_robot("ur5")
@@ -46,8 +47,7 @@ TURN = np.array([1.0, 0.0, 0.0, 0.0])
 
 
 def dock() -> Calibration:
-    assert PANDA.dock is not None
-    return PANDA.dock
+    return not_none(PANDA.dock)
 
 
 def tracked(name: str) -> tuple[Demonstration, HandPath, tuple[Keyframe, ...]]:
@@ -361,8 +361,7 @@ def test_the_hands_path_avoids_an_obstacle() -> None:
     keyframes = find_keyframes(path)
     plan = plan_keyframes(keyframes, bench, PANDA, alone, path)
     assert plan.segments[1].kind == DEMO
-    assert plan.segments[1].avoided is not None
-    assert plan.segments[1].avoided.second == "the wall"
+    assert not_none(plan.segments[1].avoided).second == "the wall"
     with pytest.warns(PbdWarning, match="out of its way: to keyframe 1 it will turn 98 degrees instead of 0"):
         unknown = plan_keyframes(keyframes, bench, PANDA, replace(alone, detour=False))  # the hand's path is unknown
     assert unknown.segments[1].kind == STRAIGHT
@@ -459,8 +458,7 @@ def knob(yaw_deg: float, turn_deg: float) -> list[Keyframe]:
 def test_a_knob_keeps_turning(yaw_deg: float) -> None:
     """With the first at 90 degrees, joint 7 must start a whole turn away."""
     xarm7 = pbd.load_robot("xarm7")
-    assert xarm7.dock is not None
-    plan = plan_keyframes(knob(yaw_deg, 90.0), xarm7.dock, xarm7)
+    plan = plan_keyframes(knob(yaw_deg, 90.0), not_none(xarm7.dock), xarm7)
     turned = np.degrees(np.diff(plan.trajectory.keyframe_q[1:, 6]))
     assert (turned < -60.0).all()
     assert all(segment.wide is None for segment in plan.segments)

@@ -14,14 +14,14 @@ from pbd.pose import Pose
 from pbd.replay import replay_scene
 from tests.arm.bundled import keyframes_of, path_of
 from tests.arm.collision_oracles import placements
+from tests.not_none import not_none
 
 
 @pytest.mark.parametrize("scale", [1.0, 0.5])
 def test_a_plan_becomes_a_scene(scale: float) -> None:
     demo, robot = pbd.load_demo("paper-test1"), pbd.load_robot("panda")
-    assert robot.dock is not None
     shelf = Obstacle("the shelf", "box", (0.2, 0.2, 0.02), Pose(np.array([-0.4, 0.6, 0.3]), np.eye(4)[0]))
-    calibration = replace(robot.dock, obstacles=(shelf,))
+    calibration = replace(not_none(robot.dock), obstacles=(shelf,))
     path, options = path_of("paper-test1"), PlanOptions(scale=scale)
     plan = plan_keyframes(keyframes_of("paper-test1"), calibration, robot, options, path, demo.grasped)
     scene = replay_scene(plan, ("a warning",))
@@ -40,9 +40,8 @@ def test_a_plan_becomes_a_scene(scale: float) -> None:
 @pytest.mark.filterwarnings("ignore:not checked against the table")
 def test_all_that_touches_is_shown_by_when_it_begins() -> None:
     demo, robot = pbd.load_demo("pouring"), pbd.load_robot("panda")
-    assert robot.dock is not None
     post = Obstacle("the post", "cylinder", (0.06, 0.5), Pose(np.array([0.45, -0.05, 0.25]), np.eye(4)[0]))
-    calibration = replace(robot.dock, obstacles=(post,), table_height=0.16)
+    calibration = replace(not_none(robot.dock), obstacles=(post,), table_height=0.16)
     path, options = path_of("pouring"), PlanOptions(allow_collision=True)
     plan = plan_keyframes(keyframes_of("pouring")[:5], calibration, robot, options, path, demo.grasped)
     assert plan.touching is not None
@@ -60,10 +59,9 @@ def test_the_tool_that_is_checked_is_shown(name: str, ahead_m: float) -> None:
     """Its pose and size in the scene are those of the body that collisions are checked with."""
     known = pbd.load_robot(name)
     robot = replace(known, T_body_tool=Pose(np.array([0.0, 0.0, ahead_m]), known.T_body_tool.wxyz))
-    assert robot.dock is not None
     demo = pbd.load_demo("paper-test2")
     path, options = path_of("paper-test2"), PlanOptions(allow_collision=True)
-    plan = plan_keyframes(keyframes_of("paper-test2"), robot.dock, robot, options, path, demo.grasped)
+    plan = plan_keyframes(keyframes_of("paper-test2"), not_none(robot.dock), robot, options, path, demo.grasped)
     rod = replay_scene(plan).rod
     arm = arm_of(robot)
     checked = arm_bodies(arm)[-1]

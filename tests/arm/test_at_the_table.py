@@ -62,9 +62,7 @@ def carried(*obstacles: Obstacle, y: float) -> Plan:
     """Plan: the cup is grasped at y, m, moved aside and never released; the arm retreats with it."""
     robot = pbd.load_robot("panda")
     dock = not_none(robot.dock)
-    assert dock.T_base_dock is not None
-    assert dock.table_height is not None
-    low = dock.table_height - dock.T_base_dock.p[2] + 0.5 * CUP.size[-1]
+    low = not_none(dock.table_height) - not_none(dock.T_base_dock).p[2] + 0.5 * CUP.size[-1]
     places = [(0.0, y, 0.0), (0.0, y, low), (0.0, y, low + 0.15), (0.05, y + 0.1, low)]
     keyframes = [
         Keyframe(2.0 * i, 0.5, Pose(np.array(p), quat_exp((0.0, 0.0, 0.0))), 1e-6 * np.eye(6), True if i == 1 else None)

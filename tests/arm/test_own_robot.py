@@ -18,6 +18,7 @@ from pbd.planning import plan_keyframes
 from pbd.planning.preconditions import warn_of_frames
 from pbd.pose import quat_from_rpy, quat_to_matrix
 from tests.arm.bundled import keyframes_of
+from tests.not_none import not_none
 
 LENGTHS = (0.2, 0.1, 0.4, 0.35, 0.0, 0.08)  # m, from each joint back to the one before
 AXES = ("0 0 1", "0 1 0", "0 1 0", "1 0 0", "0 1 0", "1 0 0")
@@ -58,10 +59,9 @@ def mine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Robot:
 
 
 def test_the_example_in_the_guide_replays(mine: Robot) -> None:
-    assert mine.dock is not None
     bare = "contacts may be missed: base_link has no collision shape; link1 has no "
     with pytest.warns(PbdWarning, match=bare), pytest.warns(PbdWarning, match=LIGHT):
-        plan = plan_keyframes(keyframes_of("pouring"), mine.dock, mine)
+        plan = plan_keyframes(keyframes_of("pouring"), not_none(mine.dock), mine)
     assert plan.report.max_position_error_m < 1e-5
     assert mine.joints == tuple(f"joint{i}" for i in range(1, 7))
     assert mine.limits.assumed == ("acceleration", "jerk")
@@ -119,9 +119,8 @@ def test_an_arm_that_is_singular_everywhere_has_no_cost_for_it(mine: Robot, tmp_
 
 
 def test_a_robot_without_a_gripper_leaves_out_what_the_hand_gripped(mine: Robot) -> None:
-    assert mine.dock is not None
     bare, left_out = "contacts may be missed: base_link has no collision shape", "mine has no gripper"
     warned = [pytest.warns(PbdWarning, match=each) for each in (bare, left_out, LIGHT)]
     with warned[0], warned[1], warned[2]:
-        plan = plan_keyframes(keyframes_of("paper-test1"), mine.dock, replace(mine, gripper=None))
+        plan = plan_keyframes(keyframes_of("paper-test1"), not_none(mine.dock), replace(mine, gripper=None))
     assert len(plan.trajectory.gripper_t) == 1

@@ -11,6 +11,7 @@ from pbd.cli import main
 from pbd.planning import PlanOptions, load_robot_and_calibration
 from pbd.pose import quat_to_matrix
 from tests.arm.bundled import FIVE_JOINTS, FOLDER, NAMES, arm_of
+from tests.not_none import not_none
 
 
 def test_these_are_the_robots() -> None:
@@ -27,8 +28,7 @@ def test_the_list_says_reach_joints_gripper_and_what_is_assumed(capsys: pytest.C
         p, _ = arm.forward_many(sample_joints(arm, 20_000))
         assert row["reach_m"] == pytest.approx(float(np.hypot(p[:, 0], p[:, 1]).max()), rel=0.03)
         assert row["joints"] == list(arm.robot.joints)
-        assert arm.robot.gripper is not None
-        assert row["gripper_joints"] == list(arm.robot.gripper.joints)
+        assert row["gripper_joints"] == list(not_none(arm.robot.gripper).joints)
         assert row["assumed"] == list(arm.limits.assumed)
         assert set(row["limits_sources"]) == {"position", "velocity", "acceleration", "jerk", "effort"}
     assert main(["robots"]) == 0
@@ -61,10 +61,8 @@ def test_home_points_down_in_front_away_from_limits_and_singularities(name: str)
     z = quat_to_matrix(pose.wxyz)[:, 2]
     assert np.degrees(np.arccos(min(1.0, -z[2]))) < 1.0
     assert arm.robot.dock is not None
-    assert arm.robot.dock.T_base_dock is not None
-    assert arm.robot.dock.table_height is not None
-    assert pose.p[2] > arm.robot.dock.table_height + 0.2
-    dock = arm.robot.dock.T_base_dock.p
+    assert pose.p[2] > not_none(arm.robot.dock.table_height) + 0.2
+    dock = not_none(arm.robot.dock.T_base_dock).p
     assert pose.p[:2] @ dock[:2] > 0.0  # on the dock's side
     assert np.linalg.norm(pose.p - dock) < 0.4
     assert np.degrees(np.minimum(home - limits.lower, limits.upper - home).min()) > 25.0

@@ -29,6 +29,7 @@ from tests.arm.conftest import random_joints
 from tests.arm.dense_collision_check import Dense
 from tests.arm.straight_moves import time_keyframes
 from tests.audit.test_audit import changed_sample
+from tests.not_none import not_none
 
 PANDA = arm_of("panda").robot
 BOTTLE = load_demo("pouring").grasped
@@ -62,8 +63,7 @@ def ball_on_the_way() -> Obstacle:
 
 
 def dock() -> Calibration:
-    assert PANDA.dock is not None
-    return PANDA.dock
+    return not_none(PANDA.dock)
 
 
 def slow_bodies(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -244,9 +244,7 @@ def test_a_contact_is_found_after_a_part_in_which_it_is_allowed() -> None:
         return bool(np.linalg.norm(center - ball.bounding_sphere[0]) > 0.05)
 
     touches = [find_touch(PALM, trajectory, [Pair(BALL, ball, allowed=allowed)]) for allowed in (None, far)]
-    assert touches[0] is not None
-    assert touches[1] is not None
-    assert touches[0].t == pytest.approx(touches[1].t, abs=1e-3)
+    assert not_none(touches[0]).t == pytest.approx(not_none(touches[1]).t, abs=1e-3)
 
 
 @pytest.mark.parametrize(("into_m", "touches"), [(0.001, True), (-0.001, False)])

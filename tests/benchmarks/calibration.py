@@ -51,6 +51,7 @@ from pbd.tracking.keyframes import find_keyframes
 from tests.benchmarks.report import arguments, finish
 from tests.calibration.device_errors import BAD, WT901, device, symmetric
 from tests.calibration.touched_points import Touching, touching
+from tests.not_none import not_none
 
 TIP = (0.03, -0.02, 0.0933)
 """m: 10 cm long."""
@@ -110,9 +111,8 @@ def points_figures(seeds: Sequence[int], count: int, sensor: str, spacing_m: flo
         if found is None:
             continue
         first, fit = found
-        assert touched.demo.truth is not None
         off = fit.T_base_nav.p - touched.T_base_nav.p
-        true = quat_multiply(touched.T_base_nav.wxyz, touched.demo.truth.wxyz_nav_sensor[0])
+        true = quat_multiply(touched.T_base_nav.wxyz, not_none(touched.demo.truth).wxyz_nav_sensor[0])
         yaw = wrapped(yaw_toward(quat_multiply(fit.T_base_nav.wxyz, first.T_nav_sensor.wxyz), true))
         metres.append(1e3 * float(np.linalg.norm(off)))
         yaws.append(abs(np.degrees(yaw)))
@@ -204,14 +204,13 @@ def sensor_figures(seeds: Sequence[int]) -> dict[str, Any]:
         fit = calibrate_sensor(simulate(sides(seed), BAD, seed).recording, gravity=EARTH.gravity)
         errors = fit.errors
         assert errors.acc is not None
-        assert errors.gyr is not None
         wanted = symmetric(true["acc"][0])
         turned = wanted @ true["acc"][0]
         off = errors.acc.matrix - wanted
         keep("acc.bias_mg", 1e3 / GRAVITY * np.abs(errors.acc.bias - true["acc"][1]).max())
         keep("acc.scale_pct", 100.0 * np.abs(np.diagonal(off)).max())
         keep("acc.misalignment_deg", np.degrees(np.abs(off - np.diag(np.diagonal(off))).max()))
-        keep("gyro.left_pct", 100.0 * np.abs(errors.gyr.matrix @ true["gyr"][0] - turned).max())
+        keep("gyro.left_pct", 100.0 * np.abs(not_none(errors.gyr).matrix @ true["gyr"][0] - turned).max())
         keep("gyro.before_pct", 100.0 * np.abs(true["gyr"][0] - turned).max())
         keep("mag.heading_deg", heading_error(fit, true, turned))
         for name, used in (("as_it_is", None), ("calibrated", errors)):
@@ -230,14 +229,13 @@ def sensor_figures(seeds: Sequence[int]) -> dict[str, Any]:
 
 def heading_error(fit: SensorFit, true: dict[str, tuple[Array, Array]], turned: Array) -> float:
     """Of the corrected field and vertical against the true ones, rms over attitudes, degrees."""
-    assert fit.errors.mag is not None
     gain, bias = true["mag"]
     rng = np.random.default_rng(0)
     off = []
     for _ in range(50):
         wxyz = quat_inverse(quat_from_rpy(rng.uniform((-1.0, -1.0, -np.pi), (1.0, 1.0, np.pi))))
         field, up = quat_rotate(wxyz, EARTH.field), quat_rotate(wxyz, (0.0, 0.0, 1.0))
-        found = heading(fit.errors.mag.correct(gain @ field + bias), turned @ up, turned[:, 0])
+        found = heading(not_none(fit.errors.mag).correct(gain @ field + bias), turned @ up, turned[:, 0])
         off.append(wrapped(found - heading(field, up, np.array((1.0, 0.0, 0.0)))))
     return float(np.degrees(np.sqrt(np.mean(np.square(off)))))
 

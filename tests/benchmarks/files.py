@@ -28,6 +28,7 @@ from pbd.pose import Array
 from tests.benchmarks.memory import repeated, simulated
 from tests.benchmarks.report import arguments, finish
 from tests.files.test_import_bag import write_bag
+from tests.not_none import not_none
 
 RATE_HZ = 400.0
 XIO = "Timestamp (us)," + ",".join(
@@ -58,10 +59,8 @@ def main() -> None:
 def written(folder: Path, samples: int) -> dict[str, Path]:
     """The files, by format."""
     recording = repeated(simulated("moves", RATE_HZ).recording, samples, RATE_HZ)
-    assert recording.gyr is not None
-    assert recording.mag is not None
     us, counter = 1e6 * recording.t[:, None], np.arange(len(recording), dtype=np.float64)[:, None]
-    dps, mag = np.degrees(recording.gyr), recording.mag
+    dps, mag = np.degrees(not_none(recording.gyr)), not_none(recording.mag)
     tables: dict[str, tuple[str, tuple[Array, ...]]] = {
         "xio": (XIO, (us, dps, recording.acc / GRAVITY, mag)),
         "dot": (DOT, (counter, us, dps, recording.acc, mag)),

@@ -40,6 +40,7 @@ from typing import TYPE_CHECKING, Any
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
 from tests.benchmarks.report import arguments, finish
+from tests.not_none import not_none
 
 if TYPE_CHECKING:
     from pbd.data import Demonstration, Recording, Stop
@@ -152,8 +153,7 @@ def made(kind: str) -> tuple[Recording, Array, tuple[Stop, ...]]:
     from pbd.pipeline import track
 
     demo = simulated(kind)
-    assert demo.truth is not None
-    return demo.recording, demo.truth.p_nav_sensor, track(demo.recording, accept_gap=True).stops
+    return demo.recording, not_none(demo.truth).p_nav_sensor, track(demo.recording, accept_gap=True).stops
 
 
 def simulated(kind: str, rate_hz: float = RATE_HZ) -> Demonstration:
@@ -163,10 +163,11 @@ def simulated(kind: str, rate_hz: float = RATE_HZ) -> Demonstration:
     from pbd.simulation.simulate import SENSOR_MODELS, TASKS, simulate
 
     task, model = TASKS["pour"], SENSOR_MODELS["modern"]
-    assert model.gyr is not None
     if kind == "faults":
         task = replace(task, waypoints=tuple(replace(w, move_s=HASTE * w.move_s) for w in task.waypoints))
-        model = replace(model, acc=replace(model.acc, limit=ACC_LIMIT), gyr=replace(model.gyr, limit=GYR_LIMIT))
+        model = replace(
+            model, acc=replace(model.acc, limit=ACC_LIMIT), gyr=replace(not_none(model.gyr), limit=GYR_LIMIT)
+        )
     dock, pouring = task.waypoints[0], task.waypoints[1:]
     if kind == "rests":
         return simulate(
@@ -177,8 +178,7 @@ def simulated(kind: str, rate_hz: float = RATE_HZ) -> Demonstration:
         return demo
     once_s = task.duration_s - dock.rest_s
     sets_out = [round((dock.rest_s + k * once_s) * rate_hz) for k in range(TIMES)]
-    assert demo.recording.gyr is not None
-    acc, gyr = demo.recording.acc.copy(), demo.recording.gyr.copy()
+    acc, gyr = demo.recording.acc.copy(), not_none(demo.recording.gyr).copy()
     for values, hole in ((gyr, HOLE), (acc, HOLE_IN_REST)):
         for row in sets_out:
             values[row + round(hole[0] * rate_hz) : row + round(hole[1] * rate_hz)] = float("nan")
@@ -198,8 +198,7 @@ def repeated(recording: Recording, samples: int, rate_hz: float = RATE_HZ) -> Re
 
     t = np.arange(samples, dtype=np.float64) / rate_hz
     acc = again(recording.acc)
-    assert acc is not None
-    return Recording(t, acc, again(recording.gyr), again(recording.mag))
+    return Recording(t, not_none(acc), again(recording.gyr), again(recording.mag))
 
 
 def there_are(stops: Sequence[Stop], n: int, samples: int) -> int:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from pbd.data import Recording
 from pbd.pose import Array, quat_rotate
 from pbd.tracking.noise import FACTORY
+from tests.not_none import not_none
 
 OPTICS_AHEAD_S = 0.8 / 286.0
 """The optics run ahead of the sensor by this much."""
@@ -90,9 +91,8 @@ def averaged(recording: Recording, every: int) -> Recording:
 
 def with_hard_iron(recording: Recording, seed: int) -> Recording:
     """As with a magnet of 20 uT beside the sensor, half the earth's field."""
-    assert recording.mag is not None
     way = np.random.default_rng(seed).normal(size=3)
-    return replace(recording, mag=recording.mag + 20.0 * way / np.linalg.norm(way))
+    return replace(recording, mag=not_none(recording.mag) + 20.0 * way / np.linalg.norm(way))
 
 
 def with_drift(recording: Recording, share: float, seed: int) -> Recording:
@@ -105,8 +105,7 @@ def with_drift(recording: Recording, share: float, seed: int) -> Recording:
 
 def with_taps(recording: Recording) -> Recording:
     """As if tapped every thousand samples: a tap pushes, and turns by 4 rad/s in one sample, then back within fifty."""
-    assert recording.gyr is not None
-    acc, gyr = recording.acc.copy(), recording.gyr.copy()
+    acc, gyr = recording.acc.copy(), not_none(recording.gyr).copy()
     for row in range(5000, len(acc) - 5000, 1000):
         acc[row : row + 3, 2] += (60.0, -90.0, 30.0)
         gyr[row, 0] += 4.0
@@ -149,9 +148,8 @@ def fit_lever(trial: Trial, windows: list[Window]) -> Array:
 
 def _of_lever(trial: Trial, axes: Array) -> tuple[Array, Array]:
     """How position and velocity change by each component of a lever: (n, 3, 3), in the optics' frame."""
-    assert trial.recording.gyr is not None
     turned = [quat_rotate(trial.wxyz_true, axis) for axis in axes]
-    swung = [quat_rotate(trial.wxyz_true, np.cross(trial.recording.gyr, axis)) for axis in axes]
+    swung = [quat_rotate(trial.wxyz_true, np.cross(not_none(trial.recording.gyr), axis)) for axis in axes]
     return np.stack(turned, axis=-1), np.stack(swung, axis=-1)
 
 

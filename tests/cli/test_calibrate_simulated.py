@@ -18,6 +18,7 @@ from pbd.simulation.calibration_tasks import CALIBRATION_TASKS, DOCK, PIVOT_TIP,
 from pbd.simulation.sensor_model import SENSOR_MODELS
 from pbd.simulation.simulate import simulate
 from tests.calibration.device_errors import device
+from tests.not_none import not_none
 from tests.test_docs import ROOT, blocks
 
 pytestmark = pytest.mark.usefixtures("elsewhere")
@@ -37,16 +38,14 @@ def check_nav(calibration: Calibration) -> None:
 
 
 def check_tip(calibration: Calibration) -> None:
-    assert calibration.cov_sensor_tool is not None
-    sigma = np.sqrt(np.trace(calibration.cov_sensor_tool[:3, :3]))
+    sigma = np.sqrt(np.trace(not_none(calibration.cov_sensor_tool)[:3, :3]))
     assert np.linalg.norm(calibration.T_sensor_tool.p - PIVOT_TIP) < 4.0 * sigma
 
 
 def check_sensor(calibration: Calibration) -> None:
     assert calibration.sensor is not None
-    assert calibration.sensor.gyr is not None
     _, bias = device(SENSOR_MODELS["wt901"], 7)["gyr"]
-    assert calibration.sensor.gyr.bias == pytest.approx(bias, abs=np.radians(0.03))
+    assert not_none(calibration.sensor.gyr).bias == pytest.approx(bias, abs=np.radians(0.03))
 
 
 @pytest.mark.parametrize(("task", "check"), [("touch", check_nav), ("pivot", check_tip), ("sides", check_sensor)])
@@ -63,8 +62,7 @@ def test_what_is_told_to_try_finds_the_truth(task: str, check: Callable[[Calibra
 def test_a_task_is_closed_where_its_sensor_returns(task: str) -> None:
     """In "pivot" only the tip returns, not the sensor."""
     demo = simulate(task, "ideal")
-    assert demo.truth is not None
-    assert demo.closed == bool(np.linalg.norm(demo.truth.p_nav_sensor[-1]) < 1e-6)
+    assert demo.closed == bool(np.linalg.norm(not_none(demo.truth).p_nav_sensor[-1]) < 1e-6)
 
 
 def test_every_calibration_task_is_tried_above() -> None:

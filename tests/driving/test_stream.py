@@ -20,6 +20,7 @@ from pbd.files.robot import load_robot
 from pbd.pose import Array
 from tests.driving.emulator import Emulator, calibration_of, resting
 from tests.driving.relaxed_timing import PATIENT_S, UNHURRIED_S, FastClock, connect
+from tests.not_none import not_none
 
 RATE_HZ = 50.0
 FAULT_AT = 20
@@ -145,8 +146,9 @@ def test_one_wrong_answer_moves_nothing(emulator: Emulator) -> None:
 def test_a_servo_that_was_without_power_does_not_hold(emulator: Emulator, servo: int, name: str) -> None:
     emulator.fault = lambda: emulator.servos[servo].put(40, b"\x00")
     done = swing(emulator)
-    assert done.stopped is not None
-    assert done.stopped.message.startswith(f"{name} lost torque, as after a moment without power: check the cables")
+    assert not_none(done.stopped).message.startswith(
+        f"{name} lost torque, as after a moment without power: check the cables"
+    )
     assert not done.held
 
 
@@ -166,8 +168,7 @@ def test_a_joint_that_pushes_too_long(emulator: Emulator) -> None:
         monitor = MotionMonitor(arm.encoders.names, arm.bounds, start, 45.0, RATE_HZ)
         with patch("pbd.driving.stream.STALL_S", UNHURRIED_S):
             done = stream(arm, np.tile(start.counts, (80, 1)), RATE_HZ, monitor, clock, lambda: False)
-    assert done.stopped is not None
-    assert "elbow_flex has pushed with more than 80 % of its strength for 0.5 s" in done.stopped.message
+    assert "elbow_flex has pushed with more than 80 % of its strength for 0.5 s" in not_none(done.stopped).message
     assert FAULT_AT + 20 < done.sent < FAULT_AT + 30
 
 
@@ -206,8 +207,7 @@ def test_a_person_stops_it_before_the_first_goal(emulator: Emulator, dry_run: bo
 def test_an_arm_that_is_silent_before_the_first_goal_is_not_said_to_hold(emulator: Emulator) -> None:
     class Cutting(FastClock):
         def sleep_until(self, t: float) -> None:
-            assert emulator.fault is not None
-            emulator.fault()
+            not_none(emulator.fault)()
 
     emulator.fault = lambda: silent(emulator)
     done = swing(emulator, answer_s=0.05, clock=Cutting())
@@ -217,8 +217,7 @@ def test_an_arm_that_is_silent_before_the_first_goal_is_not_said_to_hold(emulato
 def test_a_pulled_plug(emulator: Emulator) -> None:
     emulator.fault = emulator.unplug
     done = swing(emulator, answer_s=0.03)
-    assert done.stopped is not None
-    assert re.search(r"the arm was unplugged|takes no command \(\w|did not answer", done.stopped.message)
+    assert re.search(r"the arm was unplugged|takes no command \(\w|did not answer", not_none(done.stopped).message)
     assert not done.held
 
 
@@ -231,8 +230,7 @@ def test_a_computer_that_was_busy(emulator: Emulator) -> None:
             super().sleep_until(t + (6.0 if self.naps == FAULT_AT else 0.0))
 
     done = swing(emulator, clock=Napping(), stall_s=4.0)
-    assert done.stopped is not None
-    assert "this computer was busy for 6" in done.stopped.message
+    assert "this computer was busy for 6" in not_none(done.stopped).message
     # Meanwhile the elbow went on to its last goal. It is held there, not sent back to where it was seen before.
     assert abs(emulator.goals[-1][1][3] - emulator.servos[3].counts) <= 1.0
 

@@ -14,6 +14,7 @@ from pbd.files.calibration import read_calibration
 from pbd.files.calibration_edit import calibration_file, pose_values, update_calibration
 from pbd.files.find_by_name import bundled
 from pbd.pose import Pose
+from tests.not_none import not_none
 
 BENCH = """\
 # my bench
@@ -61,8 +62,7 @@ def test_new_keys_come_before_the_comment_on_the_next_table(bench: Path) -> None
     text = bench.read_text(encoding="utf-8")
     assert text.index("any_attitude") < text.index("sigma_m") < text.index("# about the shelf")
     found = read_calibration(bench).cov_base
-    assert found is not None
-    assert_allclose(found, cov, rtol=1e-3)
+    assert_allclose(not_none(found), cov, rtol=1e-3)
 
 
 def test_every_part_is_read_again(bench: Path) -> None:
@@ -79,14 +79,12 @@ def test_every_part_is_read_again(bench: Path) -> None:
     calibration = read_calibration(bench)
     assert calibration.T_sensor_tool.distance(POSE)[0] < 1e-5
     assert calibration.T_sensor_tool.distance(POSE)[1] < 1e-5
-    assert calibration.cov_sensor_tool is not None
-    assert_allclose(calibration.cov_sensor_tool, cov)
+    assert_allclose(not_none(calibration.cov_sensor_tool), cov)
     assert calibration.residuals == {"mount.rms_mm": 1.5}
     assert calibration.scale == 1.25
     assert calibration.sensor is not None
-    assert calibration.sensor.acc is not None
     assert (calibration.sensor.sensor, calibration.sensor.gyr) == ("mine", None)
-    assert_allclose(calibration.sensor.acc.correct(np.array([0.1, 1.2, 0.3])), (0.0, 1.02, 0.0))
+    assert_allclose(not_none(calibration.sensor.acc).correct(np.array([0.1, 1.2, 0.3])), (0.0, 1.02, 0.0))
     assert [obstacle.name for obstacle in calibration.obstacles] == ["shelf"]
 
 

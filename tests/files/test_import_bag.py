@@ -55,8 +55,6 @@ def write_bag(
     store = get_typestore(Stores.ROS2_JAZZY)
     kinds: dict[str, Any] = {name.split("/")[-1]: made for name, made in store.types.items()}
     plugin = StoragePlugin.MCAP if mcap else StoragePlugin.SQLITE3
-    assert recording.gyr is not None
-    assert recording.mag is not None
 
     def vector(values: Any) -> Any:
         x, y, z = map(float, values)
@@ -70,7 +68,7 @@ def write_bag(
         text = writer.add_connection("/text", "std_msgs/msg/String", typestore=store)
         unset = np.pad(recording.t[:, None], ((0, 0), (0, 3)), constant_values=0.5)
         attitudes = unset if wxyz is None else wxyz
-        channels = recording.t, recording.acc, recording.gyr, recording.mag, attitudes
+        channels = recording.t, recording.acc, not_none(recording.gyr), not_none(recording.mag), attitudes
         for t, acc, gyr, mag, attitude in zip(*channels, strict=True):
             ns = 1_700_000_000_000_000_000 + round(1e9 * float(t))
             stamp = kinds["Time"](sec=ns // 10**9, nanosec=ns % 10**9)

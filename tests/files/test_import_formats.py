@@ -220,8 +220,7 @@ def test_times_of_teleplot_and_of_esp_idf(tmp_path: Path, lines: str) -> None:
     recording = imported(tmp_path, "".join(lines.format(5 + 10 * k, 6 + 10 * k) for k in range(4)), None, "monitor.log")
     assert_allclose(recording.t, 0.01 * np.arange(4), atol=1e-12)
     assert_allclose(recording.acc, np.tile([1.0, 2.0, 3.0], (4, 1)) * GRAVITY)
-    assert recording.gyr is not None
-    assert_allclose(recording.gyr[0], np.array([4.0, 5.0, 6.0]) * DEG)
+    assert_allclose(not_none(recording.gyr)[0], np.array([4.0, 5.0, 6.0]) * DEG)
 
 
 def test_a_last_line_that_is_cut_off_before_its_unit_has_that_of_the_others(tmp_path: Path) -> None:
@@ -271,8 +270,7 @@ rotation_Vector.y,rotation_Vector.z,gyroscope_lsm6ds3_c.x,gyroscope_lsm6ds3_c.y,
 def test_a_chip_may_follow_the_quantity_or_the_axis(tmp_path: Path) -> None:
     read = imported(tmp_path, HYPERIMU, t="ms")
     assert_allclose(read.acc[0], [0.5, 0.25, 9.75])
-    assert read.gyr is not None
-    assert_allclose(read.gyr[0], [1.5, 0.0, -2.0])
+    assert_allclose(not_none(read.gyr)[0], [1.5, 0.0, -2.0])
     assert read.info.source.unread["rotation_Vector.x"] == "an attitude that isn't used"
     chips = [f"{name}_{chip}" for chip in ("adxl345", "mpu6050") for name in ("ax", "ay", "az", "gx", "gy", "gz")]
     header = ["t", *chips[:3], *chips[6:]]  # the first chip has no gyro
@@ -583,8 +581,7 @@ def test_sensors_with_times_of_their_own_in_one_row_are_joined(tmp_path: Path, c
     t, faster = 0.01 * np.arange(20), 0.0098 * np.arange(20)
     header = f"{clock.format('Acc')},AccX,AccY,AccZ,{clock.format('Gyro')},GyroX,GyroY,GyroZ"
     recording = imported(tmp_path, f"{header}\n{rows_of(t, t, t, t, faster, *[faster] * 3)}")
-    assert recording.gyr is not None
-    assert_allclose(recording.gyr[:, 0], faster, atol=1e-9)
+    assert_allclose(not_none(recording.gyr)[:, 0], faster, atol=1e-9)
     assert_allclose(recording.acc[:, 0], faster, atol=1e-9)
     # The rows' own clock may be another one, so that a sensor's times say nothing of it.
     header = f"time,ax,ay,az,{clock.format('Gyro')},gx,gy,gz"

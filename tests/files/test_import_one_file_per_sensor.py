@@ -11,6 +11,7 @@ from numpy.testing import assert_allclose
 from pbd.data import GRAVITY
 from pbd.errors import PbdWarning, RecordingError
 from pbd.files.importers import import_file
+from tests.not_none import not_none
 
 METABASE = "Hand_2023-11-14T22.13.20.000_C1A2B3D4E5F6_{}_100.000Hz_1.7.3.csv"
 HEADS = (
@@ -34,8 +35,7 @@ def test_metabase_has_a_file_for_each_sensor(tmp_path: Path, head: str) -> None:
         recording = import_file(path).recording
         assert_allclose(recording.t, [0.0, 0.01], atol=1e-6)
         assert_allclose(recording.acc, [[0.5 * GRAVITY, 0.0, g * GRAVITY] for g in (15.0, 25.0)], rtol=1e-4)
-        assert recording.gyr is not None
-        assert_allclose(recording.gyr, [[np.pi / 2, 0.0, rate * DEG] for rate in (10.0, 20.0)])
+        assert_allclose(not_none(recording.gyr), [[np.pi / 2, 0.0, rate * DEG] for rate in (10.0, 20.0)])
         assert recording.info.source.unread[METABASE.format("Quaternion")] == "a file that isn't used"
         assert recording.info.source.program == "MetaBase (MbientLab)"
         assert recording.info.sensor == "metawear"
@@ -81,8 +81,7 @@ def test_a_files_name_says_which_sensor_it_is(
         recording = import_file(path, {}, unit).recording
         assert_allclose(recording.t, [0.0, 0.01], atol=1e-6)
         assert_allclose(recording.acc, [[1.0, 2.0, 3.0]] * 2)
-        assert recording.gyr is not None
-        assert_allclose(recording.gyr, [[1.0, 2.0, 3.0]] * 2)
+        assert_allclose(not_none(recording.gyr), [[1.0, 2.0, 3.0]] * 2)
     turned = import_file(folder, {"ax": f"-{names[0]}.csv: {header.split(',')[2]}"}, unit).recording
     assert_allclose(turned.acc[0], [-2.0, 2.0, 3.0])
 
@@ -102,8 +101,7 @@ def test_units_are_the_headers_or_the_callers(tmp_path: Path) -> None:
     folder = written(tmp_path / "walk", {"acc": "t,ax (g),ay (g),az (g)", "gyro": "t,gx,gy,gz"}, times)
     recording = import_file(folder, {}, {"gyr": "deg/s"}).recording
     assert_allclose(recording.acc[0], np.array([1.0, 2.0, 3.0]) * GRAVITY)
-    assert recording.gyr is not None
-    assert_allclose(recording.gyr[0], np.array([1.0, 2.0, 3.0]) * DEG)
+    assert_allclose(not_none(recording.gyr)[0], np.array([1.0, 2.0, 3.0]) * DEG)
 
 
 def test_times_that_begin_at_0_in_each_file_are_warned_of(tmp_path: Path) -> None:
@@ -127,8 +125,7 @@ def test_a_table_of_all_sensors_may_be_called_after_one(tmp_path: Path) -> None:
     (tmp_path / "gyro.csv").write_text("t,x,y,z\n1,9,9,9\n2,9,9,9\n")
     (tmp_path / "acc.csv").write_text("t,ax,ay,az,gx,gy,gz\n1,1,2,3,4,5,6\n2,1,2,3,4,5,6\n")
     recording = import_file(tmp_path / "acc.csv").recording
-    assert recording.gyr is not None
-    assert_allclose(recording.gyr[0], [4.0, 5.0, 6.0])
+    assert_allclose(not_none(recording.gyr)[0], [4.0, 5.0, 6.0])
 
 
 def test_acceleration_without_gravity_beside_the_accelerometer_is_not_read(tmp_path: Path) -> None:

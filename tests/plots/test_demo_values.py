@@ -92,11 +92,10 @@ def test_a_truth_with_holes_leaves_holes(pouring: DemoValues, truth: Truth) -> N
     p[hole], wxyz[hole] = np.nan, np.nan
     found = against(pouring, replace(truth, p_nav_sensor=p, wxyz_nav_sensor=wxyz))
     assert found is not None
-    assert pouring.truth is not None
     assert np.isnan(found.error[hole]).all()
     known = np.isfinite(found.error).all(axis=1)
     assert np.mean(known) > 0.9
-    assert found.error[known] == pytest.approx(pouring.truth.error[known])
+    assert found.error[known] == pytest.approx(not_none(pouring.truth).error[known])
 
 
 def test_a_truth_that_ends_within_the_first_stop_has_no_largest_error(pouring: DemoValues, truth: Truth) -> None:

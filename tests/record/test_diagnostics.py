@@ -128,8 +128,7 @@ def test_a_coarse_sensor_at_rest_is_not_called_stuck() -> None:
 
 
 def test_a_field_that_comes_seldom_changes_nothing(pouring: Recording) -> None:
-    assert pouring.mag is not None
-    seldom = np.where((np.arange(len(pouring)) % 10 == 0)[:, None], pouring.mag, np.nan)
+    seldom = np.where((np.arange(len(pouring)) % 10 == 0)[:, None], not_none(pouring.mag), np.nan)
     assert told(replace(pouring, mag=seldom)) == []
 
 

@@ -14,6 +14,7 @@ from pbd.simulation.sensor_model import AttitudeOutput, SensorModel, Triad
 from pbd.simulation.simulate import SENSOR_MODELS, World, simulate
 from pbd.simulation.tasks import Task
 from tests.near import assert_near
+from tests.not_none import not_none
 
 DEG, MG = pi / 180.0, 1e-3 * GRAVITY
 NOWHERE = World(gravity=0.0, field=(0.0, 0.0, 0.0))
@@ -149,9 +150,8 @@ def test_jitter_moves_the_borders_of_intervals() -> None:
     assert unclocked.recording.t == pytest.approx(beat)
     # the clock changes what is told, not what is felt
     assert np.array_equal(clocked.recording.acc, unclocked.recording.acc)
-    assert clocked.truth is not None
     assert unclocked.truth is not None
-    assert np.array_equal(clocked.truth.p_nav_sensor, unclocked.truth.p_nav_sensor)
+    assert np.array_equal(not_none(clocked.truth).p_nav_sensor, unclocked.truth.p_nav_sensor)
     assert np.array_equal(unclocked.truth.t, unclocked.recording.t)
 
 
@@ -165,9 +165,8 @@ def test_own_attitude_is_true_at_rest(name: str, bound_deg: float) -> None:
     turned = Waypoint((0.2, 0.1, 0.0), (0.5, -0.3, 1.0), 0.5, 4.0)
     demo = simulate(Task("turn", (Waypoint(rest_s=1.0), turned)), name)
     rpy, truth = demo.recording.device_rpy, demo.truth
-    assert rpy is not None
     assert truth is not None
-    error = quat_log(quat_multiply(quat_inverse(truth.wxyz_nav_sensor), quat_from_rpy(rpy)))
+    error = quat_log(quat_multiply(quat_inverse(truth.wxyz_nav_sensor), quat_from_rpy(not_none(rpy))))
     settled = (truth.t < 1.0) | (truth.t > 5.0)
     assert np.degrees(np.abs(error[settled])).max() < bound_deg
 

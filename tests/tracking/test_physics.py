@@ -17,6 +17,7 @@ from pbd.simulation.simulate import SENSOR_MODELS, random_task
 from pbd.simulation.tasks import Task
 from pbd.tracking.keyframes import find_keyframes
 from pbd.tracking.paper import paper_path
+from tests.not_none import not_none
 from tests.scenarios import simulate, uncalibrated, with_rows
 from tests.tracking.perfect_sensor import (
     PERFECT,
@@ -87,10 +88,9 @@ def test_resampling_converges(seed: int) -> None:
     errors = []
     for rate_hz in (50.0, 100.0, 200.0, 400.0):
         demo = simulate(random_task(seed, moves=4), "ideal", rate_hz=rate_hz)
-        assert demo.truth is not None
         path = track(demo.recording)
         assert len(path.stops) == 5
-        errors.append(float(np.linalg.norm(keyframe_errors(path, demo.truth), axis=1).max()))
+        errors.append(float(np.linalg.norm(keyframe_errors(path, not_none(demo.truth)), axis=1).max()))
     assert all(finer < max(coarser, STANDS_M) for coarser, finer in pairwise(errors))
 
 
@@ -103,8 +103,7 @@ def test_the_papers_sums_converge_where_its_stops_are_given() -> None:
     errors = []
     for rate_hz in (20.0, 40.0, 80.0, 160.0):
         demo = simulate(task, PERFECT, rate_hz=rate_hz)
-        assert demo.truth is not None
-        t, truth = demo.recording.t, demo.truth
+        t, truth = demo.recording.t, not_none(demo.truth)
         a_nav = quat_rotate(truth.wxyz_nav_sensor, demo.recording.acc) - (0.0, 0.0, 9.81)
         first = np.searchsorted(t, np.append(t[0], end) + 0.5 / rate_hz)
         last = np.searchsorted(t, np.append(begin, t[-1] + 1.0) - 0.5 / rate_hz)
@@ -120,8 +119,7 @@ def test_the_papers_sums_converge_where_its_stops_are_given() -> None:
 def test_a_gyros_constant_bias_is_found_in_two_seconds_of_rest(method: str, sensor: str, axis: int) -> None:
     model = replace(SENSOR_MODELS[sensor], attitude=AttitudeOutput())
     recording = simulate(hand(method, 6), model, 1, rate_hz=RATE_HZ[method]).recording
-    assert recording.gyr is not None
-    biased = replace(recording, gyr=recording.gyr + np.radians(0.5) * np.eye(3)[axis])
+    biased = replace(recording, gyr=not_none(recording.gyr) + np.radians(0.5) * np.eye(3)[axis])
     places, others = ([k.T_nav_sensor.p for k in find_keyframes(track(r, method))] for r in (recording, biased))
     assert np.linalg.norm(np.subtract(others, places), axis=1).max() < 1e-3
 

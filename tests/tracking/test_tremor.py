@@ -11,6 +11,7 @@ from pbd.simulation.tasks import Task
 from pbd.tracking.first_rest import find_rest
 from pbd.tracking.keyframes import find_keyframes
 from pbd.tracking.noise import noise_of
+from tests.not_none import not_none
 from tests.scenarios import truth_at, with_rows
 from tests.simulation.sway import with_sway
 from tests.tracking.test_online import began, fed
@@ -24,9 +25,8 @@ STOPS = 11
 @pytest.mark.parametrize("sensor", ["modern", "wt901"])
 def test_the_stops_are_found_where_they_are(sensor: str, rms: tuple[float, float], seed: int) -> None:
     demo = trembling(sensor, seed, rms)
-    assert demo.truth is not None
     keyframes = find_keyframes(track(demo.recording))
-    off = np.array([k.T_nav_sensor.p - truth_at(demo.truth, k.t) for k in keyframes])
+    off = np.array([k.T_nav_sensor.p - truth_at(not_none(demo.truth), k.t) for k in keyframes])
     assert len(keyframes) == STOPS
     assert np.linalg.norm(off, axis=1).max() < (0.008 if sensor == "modern" else 0.03)
 
@@ -82,11 +82,10 @@ def test_live_the_noise_stays_that_of_the_rest_when_the_hand_moves() -> None:
 def test_the_attitude_of_a_stop_that_tremor_divides_follows_the_hands_sway(seed: int) -> None:
     task = with_sway(random_task(seed, moves=5, rest_s=(1.5, 2.5)), 1e-3, seed, turn=np.radians(1.0))
     demo = with_tremor(simulate(task, "modern", seed), seed, STRONG, since_s=2.0)
-    assert demo.truth is not None
     path = track(demo.recording)
     for stop in path.stops:
         found, true = (
             quat_multiply(quat_inverse(each[stop.start]), each[stop.start : stop.stop])
-            for each in (path.wxyz_nav_sensor, demo.truth.wxyz_nav_sensor)
+            for each in (path.wxyz_nav_sensor, not_none(demo.truth).wxyz_nav_sensor)
         )
         assert np.degrees(lengths(quat_log(quat_multiply(quat_inverse(true), found)))).max() < 0.2

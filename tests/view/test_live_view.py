@@ -21,6 +21,7 @@ from pbd.pose import Array, Pose
 from pbd.simulation.simulate import simulate
 from pbd.tracking.online.tracker import LiveTracker
 from pbd.view.live_view import PIECES_AT_ONCE, SMALLEST_M, LivePicture, LiveView
+from tests.not_none import not_none
 from tests.view.browser import Page, until
 from tests.view.chromium import Chromium
 
@@ -48,10 +49,9 @@ def picture(tracker: LiveTracker, t: float) -> LivePicture:
 def pictures() -> list[LivePicture]:
     """The tracker's states for a simulated hand that stops four times."""
     recording = simulate("pick-and-place-stops", "modern", 1).recording
-    assert recording.gyr is not None
     tracker, seen = LiveTracker(), []
     for k in range(len(recording)):
-        tracker.feed(recording.t[k], recording.acc[k], recording.gyr[k])
+        tracker.feed(recording.t[k], recording.acc[k], not_none(recording.gyr)[k])
         if k % EVERY == 0:
             seen.append(picture(tracker, float(recording.t[k])))
     return seen
@@ -263,8 +263,7 @@ class Recording:
         self.url = self.line("http://").split()[-1]
 
     def line(self, wanted: str) -> str:
-        assert self.process.stderr is not None
-        for line in self.process.stderr:
+        for line in not_none(self.process.stderr):
             if wanted in line:
                 return line.strip()
         raise AssertionError(f"it ended without {wanted!r}")

@@ -17,6 +17,7 @@ from pbd.errors import PbdWarning, PlanError
 from pbd.pose import Array
 from tests.arm.conftest import random_joints
 from tests.arm.straight_moves import time_keyframes
+from tests.not_none import not_none
 
 
 def move(arm: ArmModel, start: Array, end: Array, speed: float = 1.0) -> JointTrajectory:
@@ -100,8 +101,7 @@ def test_speed_is_a_share_of_every_limit(arm: ArmModel) -> None:
 
 
 def test_the_gripper_moves_while_the_arm_stands(arm: ArmModel) -> None:
-    assert arm.robot.gripper is not None
-    stroke = arm.robot.gripper.stroke_s
+    stroke = not_none(arm.robot.gripper).stroke_s
     q = random_joints(arm.robot, 5, seed=9)
     trajectory = time_keyframes(arm, q, [0.0, 0.1, 2.0, 0.1, 0.0], [None, True, True, False, None], arm.robot.home)
     t = trajectory.keyframe_t
@@ -215,11 +215,10 @@ def test_the_shortest_curves_are_as_smooth_as_others(arm: ArmModel, size: float)
 
 
 def test_the_retreat_comes_after_the_last_dwell_and_stroke(arm: ArmModel) -> None:
-    assert arm.robot.gripper is not None
     q = random_joints(arm.robot, 2, seed=12)
     back = Move(arm.robot.home[None], share=APPROACH_SPEED)
     trajectory, _ = time_moves(arm, q[0], [Move(q[:1]), Move(q[1:])], [0, 0], [None, True], retreat=back)
-    end, stroke = trajectory.keyframe_t[1], arm.robot.gripper.stroke_s
+    end, stroke = trajectory.keyframe_t[1], not_none(arm.robot.gripper).stroke_s
     alone = move(arm, q[1], arm.robot.home, speed=APPROACH_SPEED).duration
     assert trajectory.duration == pytest.approx(end + stroke + alone, rel=1e-12)
     assert trajectory.gripper_t[-1] == pytest.approx(end + stroke, rel=1e-12)

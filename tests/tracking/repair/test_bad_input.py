@@ -14,6 +14,7 @@ from pbd.simulation.simulate import random_task
 from pbd.simulation.tasks import Task
 from pbd.tracking.first_rest import find_rest
 from pbd.tracking.repair.repair_recording import repair_recording
+from tests.not_none import not_none
 from tests.scenarios import broken, keyframes_and_errors, pour, simulate, with_channel, with_rows
 from tests.tracking.fault_matrix import Case, named, outcome
 from tests.tracking.track_or_refuse import every_method, quietly
@@ -130,9 +131,8 @@ def test_a_hand_that_never_rests_shows_no_wrong_axis() -> None:
 
 def test_where_the_gyro_alone_never_rests_its_unit_is_named() -> None:
     recording = simulate("pour", "modern").recording
-    assert recording.gyr is not None
     with pytest.raises(TrackingError, match=r"never stands still .* --unit gyr="):
-        track(replace(recording, gyr=1000.0 * recording.gyr))  # mrad/s; its quietest second is in a move
+        track(replace(recording, gyr=1000.0 * not_none(recording.gyr)))  # mrad/s; its quietest second is in a move
 
 
 @every_method
@@ -222,8 +222,7 @@ def test_a_hole_that_may_hide_a_whole_move_is_refused_or_makes_unsure(sensor: st
         path = track(recording)
     except TrackingError:
         return
-    assert demo.truth is not None
-    error = float(np.linalg.norm(path.p_nav_sensor[-1] - demo.truth.p_nav_sensor[-1]))
+    error = float(np.linalg.norm(path.p_nav_sensor[-1] - not_none(demo.truth).p_nav_sensor[-1]))
     assert error < 3.0 * np.sqrt(np.trace(path.cov[-1, :3, :3]))
 
 
@@ -289,8 +288,7 @@ def test_a_field_in_another_unit_is_refused(usual: float, refused: bool) -> None
 def test_an_attitude_in_degrees_is_refused(gyro: bool, factor: float, turn: float, refused: bool) -> None:
     """A heading that counts on after a turn is none."""
     recording = simulate("pour", "modern").recording
-    assert recording.device_rpy is not None
-    rpy = factor * recording.device_rpy + [0.0, 0.0, turn]
+    rpy = factor * not_none(recording.device_rpy) + [0.0, 0.0, turn]
     recording = replace(recording, device_rpy=rpy, gyr=recording.gyr if gyro else None)
     with pytest.raises(RecordingError, match="--unit angle=deg") if refused else nullcontext():
         repair_recording(recording)

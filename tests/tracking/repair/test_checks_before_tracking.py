@@ -13,6 +13,7 @@ from pbd.simulation.simulate import EARTH, TASKS
 from pbd.tracking.first_rest import STILL_ACC
 from pbd.tracking.keyframes import find_keyframes
 from pbd.tracking.repair.gaps import Gap, find_gaps, refuse_gaps
+from tests.not_none import not_none
 from tests.scenarios import pour, simulate, truth_at, with_hole, with_rows
 from tests.simulation.sway import with_sway
 from tests.tracking.track_or_refuse import quietly
@@ -66,10 +67,9 @@ def test_a_hand_stands_still_for_as_long_as_a_person_says(lost_s: float, seed: i
     waypoints = list(TASKS["pour"].waypoints)
     waypoints[4] = replace(waypoints[4], rest_s=waypoints[4].rest_s + lost_s)
     demo = simulate(replace(TASKS["pour"], waypoints=tuple(waypoints)), "wt901", seed)
-    assert demo.truth is not None
     end = sum(each.move_s + each.rest_s for each in waypoints[:5]) - 0.4
     for keyframe in find_keyframes(track(with_hole(demo.recording, end - lost_s, end), accept_gap=True)):
-        assert np.linalg.norm(keyframe.T_nav_sensor.p - truth_at(demo.truth, keyframe.t)) < 0.03
+        assert np.linalg.norm(keyframe.T_nav_sensor.p - truth_at(not_none(demo.truth), keyframe.t)) < 0.03
         assert np.sqrt(np.diagonal(keyframe.cov)[:3]).max() < 0.02
 
 
@@ -182,8 +182,7 @@ def test_gravity_that_is_far_off_is_told_and_widens_sigma(method: str, scale: fl
         path = track(wrong, method)
     if method == "default":
         sigma = np.sqrt(np.diagonal(path.cov, axis1=1, axis2=2)[:, :3])
-        assert demo.truth is not None
-        off = np.array([k.T_nav_sensor.p - truth_at(demo.truth, k.t) for k in find_keyframes(path)])
+        off = np.array([k.T_nav_sensor.p - truth_at(not_none(demo.truth), k.t) for k in find_keyframes(path)])
         assert np.abs(off[1:] / sigma[1:]).max() < 3.0
         far = int(np.argmax(np.linalg.norm([k.T_nav_sensor.p for k in find_keyframes(path)], axis=1)))
         assert sigma[far].max() > 1.5 * np.sqrt(np.diagonal(plain.cov[far])[:3].max())
@@ -208,10 +207,9 @@ def test_another_unit_of_the_same_model_does_not_pass_for_the_calibrated_one(rea
 @pytest.mark.parametrize("name", ["gyr", "mag"])
 def test_all_of_a_sensor_is_compared_with_its_calibration(name: str) -> None:
     recording = pour("ideal").recording
-    assert recording.gyr is not None
     assert recording.mag is not None
     errors = SensorErrors(recording.info.sensor, gyr=EXACT, mag=EXACT, field=60.0, dip=1.1)
-    recording = replace(recording, gyr=recording.gyr + 0.05) if name == "gyr" else recording
+    recording = replace(recording, gyr=not_none(recording.gyr) + 0.05) if name == "gyr" else recording
     errors = replace(errors, mag=None) if name == "gyr" else errors
     told = "the gyro is .* degrees/s off its" if name == "gyr" else "the magnetic field is .* uT, but was 60"
     with pytest.warns(PbdWarning, match=f"{told} .*calibrat.*: calibrate this sensor$"):

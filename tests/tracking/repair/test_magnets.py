@@ -15,6 +15,7 @@ from pbd.pipeline import track
 from pbd.pose import Array, quat_inverse, quat_rotate
 from pbd.simulation.simulate import SENSOR_MODELS, TASKS, World, random_task
 from pbd.tracking.keyframes import find_keyframes
+from tests.not_none import not_none
 from tests.scenarios import pour, simulate, truth_at, uncalibrated
 
 pytestmark = pytest.mark.usefixtures("cached_results")
@@ -24,8 +25,7 @@ MAGNETIC = re.compile(r"the magnetic field changes by (\d+) % from ([\d.]+) s on
 
 def with_field(demo: Demonstration, more: Array) -> Recording:
     """Add a magnetic field (n, 3) or (3,) uT, in sensor axes."""
-    assert demo.recording.mag is not None
-    return replace(demo.recording, mag=demo.recording.mag + more)
+    return replace(demo.recording, mag=not_none(demo.recording.mag) + more)
 
 
 def dipole(truth: Truth, place: Array, moment: Array) -> Array:
@@ -130,8 +130,7 @@ def test_heading_is_that_of_the_field() -> None:
     """In nav x is east and y magnetic north, with any declination."""
     for seed in range(3):
         demo = simulate(random_task(seed, moves=4), "modern", seed, world=World(field=(-6.0, 18.0, -44.0)))
-        assert demo.truth is not None
-        assert errors(demo.recording, demo.truth)[0].max() < 0.01
+        assert errors(demo.recording, not_none(demo.truth))[0].max() < 0.01
 
 
 @uncalibrated
@@ -149,8 +148,7 @@ def test_a_magnetometer_that_always_reads_the_same_is_left_out(reads: float | tu
 def test_the_field_of_a_sensor_without_noise_may_stand_still_but_not_at_zero() -> None:
     """Without rotation a perfect magnetometer is constant."""
     demo = simulate(random_task(1, max_turn=0.0), "ideal")
-    assert demo.truth is not None
     assert warned(demo.recording) == []
-    assert errors(demo.recording, demo.truth)[0].max() < 0.005
+    assert errors(demo.recording, not_none(demo.truth))[0].max() < 0.005
     none = replace(demo.recording, mag=np.zeros_like(demo.recording.acc))
     assert [line.partition(" and ")[0] for line in warned(none)] == ["the magnetometer always reads 0"]

@@ -12,6 +12,7 @@ from pbd.data import ErrorEstimate, Recording, SensorEstimate
 from pbd.errors import PbdWarning
 from pbd.pipeline import track
 from pbd.simulation.simulate import SENSOR_MODELS, random_task
+from tests.not_none import not_none
 from tests.scenarios import simulate
 
 GYR_BIAS, ACC_BIAS = np.radians((0.4, -0.8, 0.3)), np.array((0.03, -0.02, 0.025))
@@ -32,8 +33,7 @@ NOISY = replace(
 
 def off(recording: Recording) -> Recording:
     """The readings of a sensor of unknown class with these errors."""
-    assert recording.gyr is not None
-    late = np.column_stack([np.interp(recording.t - LAG_S, recording.t, axis) for axis in recording.gyr.T])
+    late = np.column_stack([np.interp(recording.t - LAG_S, recording.t, axis) for axis in not_none(recording.gyr).T])
     return replace(
         recording,
         acc=recording.acc @ (np.eye(3) + ACC_MATRIX).T + ACC_BIAS,
@@ -44,8 +44,7 @@ def off(recording: Recording) -> Recording:
 
 def found_of(recording: Recording) -> SensorEstimate:
     found = track(recording).sensor
-    assert found is not None
-    return found
+    return not_none(found)
 
 
 def sigmas_off(one: ErrorEstimate, true: np.ndarray | float) -> float:
