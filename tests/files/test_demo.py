@@ -135,18 +135,6 @@ def still(n: int = 3, **info: Any) -> Demonstration:
     return Demonstration(recording)
 
 
-def test_a_lost_power_costs_the_last_line_alone(tmp_path: Path) -> None:
-    write_demo(simulate("pick-and-place-stops"), tmp_path / "tea")
-    whole, imu = read_demo(tmp_path / "tea").recording, tmp_path / "tea" / "imu.csv"
-    imu.write_bytes(imu.read_bytes()[:-40])
-    with pytest.warns(PbdWarning, match=r"imu\.csv: the last row is cut off, and left out"):
-        kept = read_demo(tmp_path / "tea").recording
-    assert_allclose(kept.acc, whole.acc[:-1])
-    imu.write_text(imu.read_text().rpartition("\n")[0] + "\n0.1,2\n")
-    with pytest.raises(RecordingError, match="2 cells where the header has"):
-        read_demo(tmp_path / "tea")
-
-
 def test_the_folder_names_the_demonstration_and_the_rate_is_measured(tmp_path: Path) -> None:
     write_demo(still(name="run7"), tmp_path / "tea")
     info = read_demo(tmp_path / "tea").recording.info
@@ -249,13 +237,6 @@ def test_a_folder_that_another_program_makes_meanwhile_stays(tmp_path: Path) -> 
     with pytest.raises(RecordingError, match="can't be written"):
         race(tmp_path / "tea")
     assert [file.name for file in tmp_path.rglob("*")] == ["tea", "theirs"]
-
-
-def test_force_replaces_nothing_but_a_demonstration(tmp_path: Path) -> None:
-    write_demo(still(), tmp_path / "demos" / "tea")
-    with pytest.raises(RecordingError):
-        write_demo(still(), tmp_path / "demos", force=True)
-    assert read_demo(tmp_path / "demos" / "tea")
 
 
 def test_a_failed_write_leaves_the_old_demonstration(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -426,11 +407,6 @@ def test_a_fault_in_a_place_or_a_height_is_named_with_its_line(tmp_path: Path, k
 
 
 # --- names ------------------------------------------------------------------------------------------------------------
-
-
-@pytest.fixture
-def elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
 
 
 def record(name: str, created: str | None, is_bundled: bool = False) -> None:

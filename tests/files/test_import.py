@@ -56,14 +56,6 @@ COUNTING = np.array([[1.0, 2.0, 3.0], [2.0, 3.0, 4.0]])
 # --- CSV --------------------------------------------------------------------------------------------------------------
 
 
-def test_ngimu(tmp_path: Path) -> None:
-    recording = import_text(tmp_path, f"{NGIMU}\n5.5,90,0,-180,0,0,1\n5.51,0,0,0,0.5,0,-1\n")
-    assert_allclose(recording.t, [0.0, 0.01], atol=1e-15)  # from the first sample
-    assert_allclose(channel(recording, "gyr"), [[math.pi / 2, 0.0, -math.pi], [0.0, 0.0, 0.0]])
-    assert_allclose(recording.acc, np.array([[0, 0, 1], [0.5, 0, -1]]) * GRAVITY)
-    assert recording.mag is None
-
-
 def test_ximu3_joins_its_magnetometer_by_time(tmp_path: Path) -> None:
     (tmp_path / "Magnetometer.csv").write_text(f"{XIMU3_MAGNETOMETER}\n1000000,0,0,-1\n1020000,1,2,-1\n")
     inertial = f"{XIMU3}\n1000000,90,0,0,0,0,1\n1005000,0,0,0,0,0,1\n1030000,0,0,0,0,0,1\n"
@@ -178,14 +170,6 @@ def test_any_encoding_that_has_the_degree_sign(tmp_path: Path, encoding: str) ->
     path = tmp_path / "run.csv"
     path.write_text(two_rows("t,ax,ay,az,gx (°/s),gy (°/s),gz (°/s)"), encoding=encoding)
     assert_allclose(channel(import_file(path).recording, "gyr"), (COUNTING + 3.0) * DEG)
-
-
-@pytest.mark.parametrize("name", ["timestamp", "Date", "Sample Date"])
-def test_a_date_may_be_the_time(tmp_path: Path, name: str) -> None:
-    rows = "2025-12-31 23:59:59.990;1,5;2;3\n2026-01-01 00:00:00.000;2,5;3;4\n"
-    recording = import_text(tmp_path, f"{name};ax;ay;az\n{rows}")
-    assert_allclose(recording.t, [0.0, 0.01], atol=1e-6)
-    assert_array_equal(recording.acc[:, 0], [1.5, 2.5])  # between semicolons a comma is a decimal mark
 
 
 @pytest.mark.parametrize(
@@ -317,47 +301,6 @@ def test_exported_keyframes_are_not_imported_but_edited_elsewhere(tmp_path: Path
 
 
 # --- real files -------------------------------------------------------------------------------------------------------
-
-
-def test_the_short_walk(data_folder: Path) -> None:
-    """An NGIMU's export, which starts at rest and has about 400 Hz."""
-    recording = import_file(data_folder / "walks" / "short_walk.csv").recording
-    assert recording.t[0] == 0.0
-    assert 350.0 < recording.rate_hz < 450.0
-    assert np.linalg.norm(recording.acc[:400].mean(axis=0)) == pytest.approx(GRAVITY, rel=0.02)
-    gyr = np.abs(channel(recording, "gyr"))
-    assert gyr[:400].max() < 0.1 < gyr.max() < 2000 * DEG
-    assert recording.mag is None
-
-
-def test_broad(data_folder: Path) -> None:
-    files = sorted((data_folder / "broad").glob("*.npz"))
-    assert files
-    for file in files:
-        demo = import_file(file)
-        assert demo.recording.rate_hz == pytest.approx(286.0, abs=1.0)
-        assert np.linalg.norm(demo.recording.acc[:200].mean(axis=0)) == pytest.approx(GRAVITY, rel=0.02)
-        assert demo.recording.mag is not None
-        assert demo.truth is not None
-        assert np.nanmax(np.abs(demo.truth.p_nav_sensor)) > 0.1
-        assert_allclose(demo.truth.t, demo.recording.t)
-
-
-def test_strides(data_folder: Path) -> None:
-    """The optical truth has another rate than the sensor, and ends with it."""
-    files = sorted((data_folder / "strides").glob("*.npz"))
-    assert files
-    for file in files:
-        demo = import_file(file)
-        assert demo.recording.rate_hz == pytest.approx(204.8)
-        assert demo.truth is not None
-        assert np.median(np.diff(demo.truth.t)) == pytest.approx(0.01)
-        assert demo.truth.t[-1] == pytest.approx(demo.recording.t[-1], abs=0.1)
-
-
-def test_a_clock_that_runs_backwards_is_named_in_the_file_s_words(tmp_path: Path) -> None:
-    with pytest.raises(RecordingError, match=r":4: time runs backwards from 105 to 104\.5 in column 't'; sort the"):
-        import_text(tmp_path, "t,ax,ay,az\n\n105,0,0,9.81\n104.5,0,0,9.81\n", units={"t": "ms"})
 
 
 @pytest.mark.parametrize(

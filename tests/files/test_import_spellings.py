@@ -87,21 +87,6 @@ def test_rows_whose_cells_mostly_have_no_number_are_not_the_header(tmp_path: Pat
 @pytest.mark.parametrize(
     "header",
     [
-        "Time,Accelerometer,,,Gyroscope,,\n,x,y,z,x,y,z",
-        ",Accelerometer,,,Gyroscope,,,\nTime,x,y,z,x,y,z,",
-        "Time (s),Acceleration (m/s²),,,Angular rate (rad/s),,\n,X,Y,Z,X,Y,Z",
-        "Time,Accelerometer,,,Gyroscope,,\n(s),X (m/s²),Y (m/s²),Z (m/s²),X (rad/s),Y (rad/s),Z (rad/s)",
-        "Time,Accelerometer,,,Gyroscope,,\n,X,Y,Z,X,Y,Z\ns,m/s²,m/s²,m/s²,rad/s,rad/s,rad/s",
-        "Time,Acc,Acc,Acc,Gyr,Gyr,Gyr\n,x,y,z,x,y,z",  # pandas' columns of two levels
-    ],
-)
-def test_merged_cells_name_the_axes_below_them(tmp_path: Path, header: str) -> None:
-    assert_read(read(tmp_path, table(header)))
-
-
-@pytest.mark.parametrize(
-    "header",
-    [
         "Time_A,Acc_x_A,Acc_y_A,Acc_z_A,Gyro_x_A,Gyro_y_A,Gyro_z_A",
         "time,acc_x_1,acc_y_1,acc_z_1,gyro_x_1,gyro_y_1,gyro_z_1",
         "t,ax,ay,az,rotationRateX,rotationRateY,rotationRateZ",
@@ -120,6 +105,20 @@ def test_merged_cells_name_the_axes_below_them(tmp_path: Path, header: str) -> N
         "Time in s,Acc X in m/s²,Acc Y in m/s²,Acc Z in m/s²,Gyro X in rad/s,Gyro Y in rad/s,Gyro Z in rad/s",
         "Timestamp,Accel_X_m_s2,Accel_Y_m_s2,Accel_Z_m_s2,Gyro_X_rad_per_s,Gyro_Y_rad_per_s,Gyro_Z_rad_per_s",  # eSense
         "unit__timestamp[s],bmi160_a_x[m/s2],bmi160_a_y[m/s2],bmi160_a_z[m/s2],bmi160_g_x,bmi160_g_y,bmi160_g_z",
+        "t,Accel Sensor X,Accel Sensor Y,Accel Sensor Z,Gyro Sensor X,Gyro Sensor Y,Gyro Sensor Z",  # Noraxon
+        "t,acc[0],acc[1],acc[2],pqr[0],pqr[1],pqr[2]",  # Inertial Sense
+        "t,Acc X-axis,Acc Y-Axis,Acc Z axis,Gyro X-axis,Gyro Y-Axis,Gyro Z axis",
+        # axes after the first without their quantity
+        "time,Accel: x,y,z,AngVel: x,y,z",
+        "t,acc_x,y,z,gyro_x,y,z",
+        "t,accX,Y,Z,gyrX,Y,Z",
+        # merged cells above the axes
+        "Time,Accelerometer,,,Gyroscope,,\n,x,y,z,x,y,z",
+        ",Accelerometer,,,Gyroscope,,,\nTime,x,y,z,x,y,z,",
+        "Time (s),Acceleration (m/s²),,,Angular rate (rad/s),,\n,X,Y,Z,X,Y,Z",
+        "Time,Accelerometer,,,Gyroscope,,\n(s),X (m/s²),Y (m/s²),Z (m/s²),X (rad/s),Y (rad/s),Z (rad/s)",
+        "Time,Accelerometer,,,Gyroscope,,\n,X,Y,Z,X,Y,Z\ns,m/s²,m/s²,m/s²,rad/s,rad/s,rad/s",
+        "Time,Acc,Acc,Acc,Gyr,Gyr,Gyr\n,x,y,z,x,y,z",  # pandas' columns of two levels
     ],
 )
 def test_names_of_axes(tmp_path: Path, header: str) -> None:
@@ -186,15 +185,6 @@ def test_times_since_the_row_before_may_be_called_times(tmp_path: Path) -> None:
     assert_allclose(recording.t, [0.0, 0.009, 0.02, 0.03], atol=1e-9)
 
 
-@pytest.mark.parametrize("delimiter", [",", "\t"])
-def test_a_table_that_arduinos_serial_monitor_stamped(tmp_path: Path, delimiter: str) -> None:
-    header, *rows = table(delimiter.join(AXES), ["", ""], delimiter).strip().split("\n")
-    rows = [row[1:] for row in rows]
-    stamps = ("12:00:00.000", "12:00:00.000", "12:00:00.010")
-    text = "\n".join(f"{stamp} -> {line}" for stamp, line in zip(stamps, [header, *rows], strict=True))
-    assert_read(read(tmp_path, text))
-
-
 @pytest.mark.parametrize(
     ("name", "unit"), [("timestamp_ms", {}), ("Time (ms)", {}), ("timestamp", {}), ("when", {}), ("server_time", {})]
 )
@@ -253,11 +243,6 @@ def test_cells_in_quotes_may_contain_other_delimiters(tmp_path: Path) -> None:
     for delimiter in ("\t", ";", ","):
         header = delimiter.join(f'"{name}"' for name in names)
         assert_read(read(tmp_path, table(f"{header}", delimiter=delimiter)))
-
-
-@pytest.mark.parametrize("header", ["time,Accel: x,y,z,AngVel: x,y,z", "t,acc_x,y,z,gyro_x,y,z", "t,accX,Y,Z,gyrX,Y,Z"])
-def test_axes_after_the_first_may_leave_out_their_quantity(tmp_path: Path, header: str) -> None:
-    assert_read(read(tmp_path, table(header)))
 
 
 def test_angular_accelerations_quaternions_and_statistics_are_no_readings(tmp_path: Path) -> None:

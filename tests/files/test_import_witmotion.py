@@ -152,13 +152,6 @@ def test_an_attitude_that_the_module_does_not_send_is_left_out(tmp_path: Path) -
     assert recording.info.source.unread["AngleZ(°)"] == "no number in any row"
 
 
-def test_two_devices_in_one_file_are_refused(recording: Recording, tmp_path: Path) -> None:
-    file = tmp_path / "log.txt"
-    file.write_bytes(written(DIALECTS["WitMotion 2025"], recording, ("left", "right")))
-    with pytest.raises(RecordingError, match=r"the rows of 2 devices \(left, right\) in the column 'DeviceName'; keep"):
-        import_file(file)
-
-
 def test_a_broken_cell_is_named_with_its_line(recording: Recording, tmp_path: Path) -> None:
     file = tmp_path / "log.txt"
     lines = written(DIALECTS["MiniIMU"], recording).decode("gb18030").split("\r\n")

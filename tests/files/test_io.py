@@ -99,12 +99,6 @@ def test_texts_that_are_not_numbers(text: str) -> None:
         number(text)
 
 
-def test_a_number_that_only_python_accepts_is_refused_with_its_line(tmp_path: Path) -> None:
-    (tmp_path / "imu.csv").write_text("t,ax\n0,1\n0.01,1_000\n", encoding="utf-8")
-    with pytest.raises(RecordingError, match=r"imu\.csv:3: '1_000' in column 'ax' is not a number; "):
-        open_sheet(tmp_path / "imu.csv").read()
-
-
 def test_a_time_of_any_number_of_decimals() -> None:
     assert seconds("8:18:9." + "5" * 400) == pytest.approx(8 * 3600 + 18 * 60 + 9 + 5 / 9, abs=1e-9)
     with pytest.raises(ValueError, match=r"number|float|time"):

@@ -64,16 +64,6 @@ def test_better_times_replace_the_first_ones(tmp_path: Path) -> None:
     assert recording.acc[2] == pytest.approx(ACC)
 
 
-def test_only_a_demonstration_is_replaced_and_only_by_force(tmp_path: Path) -> None:
-    begun(tmp_path / "tea").close()
-    with pytest.raises(RecordingError, match="exists; give another name, or --force"):
-        begun(tmp_path / "tea")
-    refuse_demo_folder(tmp_path / "tea", force=True)
-    (tmp_path / "photos").mkdir()
-    with pytest.raises(RecordingError, match="is not a demonstration, so it is not replaced"):
-        refuse_demo_folder(tmp_path / "photos", force=True)
-
-
 def test_a_demonstration_is_not_replaced_while_it_is_recorded(tmp_path: Path) -> None:
     demo = begun(tmp_path / "tea")
     with pytest.raises(RecordingError, match="is being recorded; end that first"):

@@ -63,10 +63,6 @@ def test_the_first_hit_is_that_of_a_refusal(arm: ArmModel) -> None:
     assert (fields["t"], fields["bodies"]) == (first.t, (first.hit.first, first.hit.second))
 
 
-def test_a_free_motion_has_none(arm: ArmModel) -> None:
-    assert all_hits(CollisionScene(arm, 0.0, [board(0.0, 0.15)], BOTTLE), through(arm, PLACES, GRIPS)) == ()
-
-
 def test_an_objects_clearance_goes_with_its_motion(arm: ArmModel) -> None:
     """A scene is cached, and each motion has phases of its own."""
     scene, trajectory = CollisionScene(arm, 0.12, [board(0.0, 0.45)], BOTTLE), through(arm, PLACES, GRIPS)

@@ -201,21 +201,6 @@ def test_a_near_miss_is_described_by_its_distance(arm: ArmModel) -> None:
         refuse_collision(CollisionScene(arm, level), trajectory)
 
 
-def test_a_keyframe_in_the_table_is_named(arm: ArmModel) -> None:
-    scene = CollisionScene(arm, 0.0)
-    places = [(0.5, -0.2, 0.35), (0.5, -0.2, -0.018), (0.5, -0.2, 0.35)]
-    trajectory = through(arm, places, [None] * 3)
-    found = not_none(first_hit(scene, trajectory))
-    assert (found.keyframe, found.at_keyframe) == (1, True)
-    error = collision_error(scene, trajectory, found)
-    assert error.message.startswith(f"at keyframe 1 (t = {found.t:.1f} s): panda_")
-    assert "finger would touch the table, " in error.message
-    assert error.message.endswith(" cm deep; raise the keyframe, or raise the dock and with it the whole motion")
-    depth = error.fields["value"]
-    assert isinstance(depth, float)
-    assert 0.018 < depth < 0.04
-
-
 def test_the_arm_against_itself_and_after_the_last_keyframe(arm: ArmModel) -> None:
     folded = arm.robot.home.copy()
     folded[[3, 5]] = -3.0, 0.0
