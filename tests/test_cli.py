@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.cli.run_command import Capture, refused, run, run_json, write_recording
+from tests.cli.run_command import Capture, refused, run, run_json
 
 pytestmark = pytest.mark.usefixtures("elsewhere", "cached_results", "unadvised")
 
@@ -96,24 +96,6 @@ def test_export(capsys: Capture, elsewhere: Path, format_name: str) -> None:
     assert (elsewhere / "out").stat().st_size > 1000
 
 
-def test_export_npz_keys(capsys: Capture) -> None:
-    run_json(capsys, "export", "paper-test1", "--robot", "panda", "--format", "npz", "-o", "out.npz")
-    with np.load("out.npz", allow_pickle=False) as file:
-        assert set(file.files) == {"joints", "t", "q", "dq", "ddq", "gripper"}
-        assert np.diff(file["t"]) == pytest.approx(1e-3)
-        assert file["q"].shape == (len(file["t"]), 7)
-        assert set(np.unique(file["gripper"])) >= {0.0, 1.0}
-
-
-def test_simulate_then_the_newest_is_used(capsys: Capture) -> None:
-    assert run_json(capsys, "simulate", "pour", "tea", "--seed", "3")["samples"] == 2281
-    code, _, err = run(capsys, "segments")
-    assert code == 0
-    assert "no demonstration named: using 'tea'" in err
-    assert "exists; give another name" in refused(capsys, 1, "simulate", "pour", "tea")
-    assert run(capsys, "simulate", "pour", "tea", "--force")[0] == 0
-
-
 def test_a_real_walk_replays_as_a_scaled_loop(capsys: Capture, data_folder: Path) -> None:
     assert run(capsys, "import", data_folder / "walks" / "short_walk.csv", "walk")[0] == 0
     result = run_json(
@@ -123,22 +105,7 @@ def test_a_real_walk_replays_as_a_scaled_loop(capsys: Capture, data_folder: Path
     assert any("tilted by 33 degrees" in warning for warning in result["warnings"])
 
 
-def test_broad_14_has_five_keyframes(capsys: Capture, data_folder: Path) -> None:
-    (file,) = (data_folder / "broad").glob("14*.npz")
-    assert len(run_json(capsys, "keyframes", file)["keyframes"]) == 5
-
-
 # --- bad input ---
-
-
-def test_a_recording_that_never_moves(capsys: Capture, elsewhere: Path) -> None:
-    write_recording(elsewhere / "still.csv")
-    assert len(run_json(capsys, "keyframes", "still.csv")["keyframes"]) == 1
-    for command in (("replay",), ("export", "--format", "csv", "-o", "out.csv")):
-        assert refused(capsys, 1, *command, "still.csv", "--robot", "panda") == (
-            "pbd: the demonstration has 1 stop, but a motion needs two; hold still, move, and hold still again"
-        )
-    assert not (elsewhere / "out.csv").exists()
 
 
 def test_a_calibration_for_another_robot(capsys: Capture, elsewhere: Path) -> None:

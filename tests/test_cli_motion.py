@@ -188,13 +188,6 @@ def test_a_collision_that_is_allowed_is_shown_marked_and_never_exported(capsys: 
     assert not (elsewhere / "out.csv").exists()
 
 
-def test_a_home_in_collision_is_refused(capsys: Capture, elsewhere: Path) -> None:
-    (elsewhere / "c.toml").write_text(LOW_DOCK.replace("0.2\n", "0.6\n"))
-    line = refused(capsys, 3, "replay", "paper-test2", *PANDA, "--calibration", "c.toml")
-    assert line.startswith("pbd: home of panda: ")
-    assert " would touch the table, " in line
-
-
 def test_a_line_is_followed_where_something_bars_the_way_back_alone(capsys: Capture, elsewhere: Path) -> None:
     """The held object would touch the post only on the way home. The moves stay lines; a warning names the detour."""
     (elsewhere / "c.toml").write_text(POST)

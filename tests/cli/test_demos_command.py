@@ -7,12 +7,7 @@ import pytest
 from pbd.files.demo import load_demo
 from tests.cli.run_command import Capture, run, run_json
 
-pytestmark = pytest.mark.usefixtures("empty_folder")
-
-
-@pytest.fixture
-def empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
+pytestmark = pytest.mark.usefixtures("elsewhere")
 
 
 def test_own_ones_come_first_and_the_newest_is_the_default(capsys: Capture) -> None:

@@ -109,18 +109,6 @@ def test_a_sensor_on_its_head_is_told_and_what_it_says_to_do_helps(
         assert read_demo(Path("demos/tea")).recording.acc[0, 2] > 0.0
 
 
-def test_the_devices_own_attitude_refuses_it(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    demo = simulate("pour", "wt901", 0)
-    write_demo(replace(demo, recording=replace(demo.recording, acc=-demo.recording.acc)), tmp_path / "pulled")
-    assert main(["import", "pulled/imu.csv", "tea"]) == 1
-    assert "with --unit acc=-m/s2\n" in capsys.readouterr().err
-    assert not Path("demos").exists()
-    assert main(["import", "pulled/imu.csv", "tea", "--unit", "acc=-m/s2"]) == 0
-
-
 def test_a_wrong_rate_is_not_blamed_on_a_column(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """No --unit t and, in an npz, no --rate would help."""
     acc = np.tile((0.0, 0.0, 9.8), (200, 1))

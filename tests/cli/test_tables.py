@@ -223,17 +223,6 @@ def test_with_the_hands_time_the_hands_own_dwells_are_saved(tea: Path, capsys: p
     assert max(row["dwell_s"] for row in found) > 0.5
 
 
-def test_another_dock_is_refused(tea: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["keyframes", "tea", "--save"]) == 0
-    file = tea / "keyframes.toml"
-    file.write_text(
-        file.read_text(encoding="utf-8").replace("rpy_deg = [", "rpy_deg = [50.0, 0.0, 0.0] # [", 1), encoding="utf-8"
-    )
-    capsys.readouterr()
-    assert main(["keyframes", "tea"]) == 1
-    assert "the dock, to which all others refer; restore it" in capsys.readouterr().err
-
-
 @pytest.mark.usefixtures("elsewhere")
 def test_what_is_known_of_the_stops_is_said_to_move_no_keyframes_that_are_saved(
     capsys: pytest.CaptureFixture[str],

@@ -239,6 +239,13 @@ def test_a_folder_that_another_program_makes_meanwhile_stays(tmp_path: Path) -> 
     assert [file.name for file in tmp_path.rglob("*")] == ["tea", "theirs"]
 
 
+def test_force_replaces_nothing_but_a_demonstration(tmp_path: Path) -> None:
+    write_demo(still(), tmp_path / "demos" / "tea")
+    with pytest.raises(RecordingError):
+        write_demo(still(), tmp_path / "demos", force=True)
+    assert read_demo(tmp_path / "demos" / "tea")
+
+
 def test_a_failed_write_leaves_the_old_demonstration(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     folder = tmp_path / "tea"
     write_demo(still(3), folder)

@@ -70,6 +70,8 @@ def test_a_demonstration_is_not_replaced_while_it_is_recorded(tmp_path: Path) ->
         refuse_demo_folder(tmp_path / "tea", force=True)
     demo.close()
     refuse_demo_folder(tmp_path / "tea", force=True)
+    with pytest.raises(RecordingError, match="exists; give another name, or --force"):
+        begun(tmp_path / "tea")
 
 
 def test_a_full_disk_leaves_the_written_rows_intact(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -125,14 +125,6 @@ def test_time_running_backwards_is_refused() -> None:
         track(replace(recording, t=t))
 
 
-def test_a_jumping_clock_is_refused() -> None:
-    recording = pour().recording
-    t = recording.t.copy()
-    t[1000:] += 61.0
-    with pytest.raises(RecordingError, match="time jumps from"):
-        track(replace(recording, t=t))
-
-
 def test_a_dead_accelerometer_is_refused() -> None:
     recording = pour().recording
     with pytest.raises(TrackingError, match="reads zero while at rest"):

@@ -133,18 +133,6 @@ def test_heading_is_that_of_the_field() -> None:
         assert errors(demo.recording, not_none(demo.truth))[0].max() < 0.01
 
 
-@uncalibrated
-@pytest.mark.parametrize("reads", [0.0, 30.0, (20.0, -5.0, 40.0)])
-def test_a_magnetometer_that_always_reads_the_same_is_left_out(reads: float | tuple[float, ...]) -> None:
-    demo = pour("wt901", 1)
-    assert demo.truth is not None
-    dead = replace(demo.recording, mag=np.full_like(demo.recording.acc, reads))
-    with pytest.warns(PbdWarning, match=r"the magnetometer always reads [\d.]+ and is left out"):
-        path = track(dead)
-    without = track(replace(demo.recording, mag=None))
-    assert path.p_nav_sensor == pytest.approx(without.p_nav_sensor)
-
-
 def test_the_field_of_a_sensor_without_noise_may_stand_still_but_not_at_zero() -> None:
     """Without rotation a perfect magnetometer is constant."""
     demo = simulate(random_task(1, max_turn=0.0), "ideal")
