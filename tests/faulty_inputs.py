@@ -10,7 +10,20 @@ from pbd.files.demo import write_demo
 from pbd.simulation.simulate import simulate
 from tests.cli.run_command import HEADER, write_recording
 from tests.scenarios import broken, with_channel, with_rows
-from tests.test_cli_motion import LOW_DOCK, OBSTACLE
+
+LOW_DOCK = 'format = 1\nname = "low"\ntable_height = 0.2\n[dock]\nposition = [0.45, -0.15, 0.1]\nrpy_deg = [0, 0, 0]\n'
+
+OBSTACLE = """format = 1
+name = "bench"
+[dock]
+position = [0.45, -0.15, 0.25]
+rpy_deg = [0, 0, 0]
+[[obstacle]]
+name = "the shelf"
+shape = "box"
+size = [0.6, 0.6, 0.02]
+position = [0.45, 0.0, 0.3]
+"""
 
 URDF = """<robot name="two"><link name="base"/><link name="upper">{mesh}</link><link name="tip"/>
 <joint name="one" type="revolute"><parent link="base"/><child link="upper"/><axis xyz="0 0 1"/>

@@ -19,8 +19,8 @@ from pbd.planning.task import PlanningTask
 from pbd.pose import Pose
 from tests.cli.run_command import Capture, run
 from tests.not_none import not_none
+from tests.planned_keyframes import PANDA, TURN, UR5, dock, keyframe, low, planned
 from tests.reading_meshes import read_mesh
-from tests.test_planning import PANDA, TURN, UR5, dock, keyframe, low, planned
 
 
 def test_other_options_are_named_where_they_work() -> None:

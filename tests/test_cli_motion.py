@@ -16,25 +16,11 @@ from pbd.pipeline import track
 from pbd.planning import plan_path
 from tests.arm.bundled import FOLDER
 from tests.cli.run_command import Capture, refused, run, run_json
+from tests.faulty_inputs import LOW_DOCK, OBSTACLE
 
 pytestmark = pytest.mark.usefixtures("elsewhere", "cached_results", "unadvised")
 
 PANDA = ("--robot", "panda")
-
-LOW_DOCK = 'format = 1\nname = "low"\ntable_height = 0.2\n[dock]\nposition = [0.45, -0.15, 0.1]\nrpy_deg = [0, 0, 0]\n'
-
-OBSTACLE = """format = 1
-name = "bench"
-[dock]
-position = [0.45, -0.15, 0.25]
-rpy_deg = [0, 0, 0]
-[[obstacle]]
-name = "the shelf"
-shape = "box"
-size = [0.6, 0.6, 0.02]
-position = [0.45, 0.0, 0.3]
-"""
-
 
 POST = """format = 1
 name = "post"

@@ -20,8 +20,8 @@ from pbd.data import JointTrajectory
 from pbd.files.exporters import export
 from pbd.files.robot import load_robot
 from pbd.pose import Array
-from tests.files.test_formats import planned
-from tests.test_docs import ROOT, blocks
+from tests.docs_pages import ROOT, blocks
+from tests.files.planned_motions import planned
 
 RATES = {"ur5": 125.0, "panda": 100.0, "xarm7": 100.0}
 PROGRAMS = {"ur5": "rtde_control", "panda": "franky", "xarm7": "xarm.wrapper"}

@@ -1,7 +1,6 @@
 """A user's own robot: with a URDF and a TOML file it replays as the bundled ones do."""
 
 import re
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,34 +17,13 @@ from pbd.planning import plan_keyframes
 from pbd.planning.preconditions import warn_of_frames
 from pbd.pose import quat_from_rpy, quat_to_matrix
 from tests.arm.bundled import keyframes_of
+from tests.arm.own_robot import AXES, GUIDE, LENGTHS, own_toml, own_urdf
 from tests.not_none import not_none
 
-LENGTHS = (0.2, 0.1, 0.4, 0.35, 0.0, 0.08)  # m, from each joint back to the one before
-AXES = ("0 0 1", "0 1 0", "0 1 0", "1 0 0", "0 1 0", "1 0 0")
-ALONG = ("z", "z", "z", "x", "x", "x")
 TIP = 0.12  # m, from the last joint
 
 
-def own_urdf(axes: Sequence[str] = AXES) -> str:
-    links = ("base_link", *(f"link{i}" for i in range(1, 6)), "flange")
-    joints = []
-    for i, (length, axis, along) in enumerate(zip(LENGTHS, axes, ALONG, strict=True)):
-        xyz = f"0 0 {length}" if along == "z" else f"{length} 0 0"
-        joints.append(
-            f'<joint name="joint{i + 1}" type="revolute"><parent link="{links[i]}"/><child link="{links[i + 1]}"/>'
-            f'<origin xyz="{xyz}" rpy="0 0 0"/><axis xyz="{axis}"/>'
-            '<limit effort="9" lower="-3" upper="3" velocity="2"/></joint>'
-        )
-    return f'<robot name="mine">{"".join(f"<link name={link!r}/>" for link in links)}{"".join(joints)}</robot>'
-
-
 LIGHT = "torques are underestimated: the URDF gives no link mass on joint1, joint2, joint3, joint4, joint5, joint6"
-GUIDE = Path(__file__).parents[2] / "docs" / "robots.md"
-
-
-def own_toml() -> str:
-    """The TOML that docs/robots.md gives."""
-    return GUIDE.read_text(encoding="utf-8").partition("```toml\n")[2].partition("```")[0]
 
 
 @pytest.fixture

@@ -1,13 +1,12 @@
 from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import replace
-from math import factorial
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
-from scipy.interpolate import BSpline, PPoly
+from scipy.interpolate import PPoly
 
 from pbd.arm.model import ArmModel
 from pbd.audit.audit import audit
@@ -17,6 +16,7 @@ from pbd.errors import PlanError
 from pbd.pose import Array, Pose
 from tests.arm.conftest import changed, random_joints
 from tests.arm.straight_moves import time_keyframes
+from tests.audit.motions import changed_sample, spline
 
 GRIPS = (None, True, None, False, None)
 
@@ -66,29 +66,6 @@ def test_each_limit_is_enforced(arm: ArmModel, limit: str, unit: str) -> None:
 
 def limited(arm: ArmModel, **arrays: Array) -> Robot:
     return replace(arm.robot, limits=changed(arm.limits, **arrays))
-
-
-def spline(arm: ArmModel, seed: int) -> tuple[JointTrajectory, PPoly]:
-    """A random smooth motion from rest to rest: cubic B-splines whose first and last three control points are equal.
-
-    Its extrema lie inside its pieces, not at the ends of ruckig's phases.
-    """
-    rng = np.random.default_rng(seed)
-    control = arm.robot.home + rng.uniform(-0.2, 0.2, (12, 7))
-    control[:3], control[-3:] = control[2], control[-3]
-    curve = BSpline(0.4 * np.arange(-3, 13), control, 3)
-    knots = 0.4 * np.arange(10.0)
-    powers = np.stack([curve(knots[:-1], nu=order) / factorial(order) for order in range(4)])
-    trajectory = JointTrajectory(
-        joint_names=arm.robot.joints,
-        knots=knots,
-        coefficients=np.swapaxes(powers, 0, 1),
-        gripper_t=np.zeros(1),
-        gripper_opening=np.ones(1),
-        keyframe_t=np.zeros(1),
-        keyframe_q=control[:1],
-    )
-    return trajectory, PPoly(powers[::-1], knots)
 
 
 def extremes(values: PPoly, joint: int) -> Array:
@@ -211,18 +188,6 @@ def test_a_pose_off_by_more_than_its_tolerance_is_refused(arm: ArmModel, twist: 
         assert caught.value.fields["keyframe"] == 3
         assert "at keyframe 3 (" in caught.value.message
         assert " rad off its pose; no trajectory was written; " in caught.value.message
-
-
-def changed_sample(monkeypatch: pytest.MonkeyPatch) -> None:
-    sample = JointTrajectory.sample
-
-    def faulty(self: JointTrajectory, rate_hz: float) -> object:
-        samples = sample(self, rate_hz)
-        q: Array = samples.q.copy()
-        q[len(q) // 2, 5] += 0.01
-        return replace(samples, q=q)
-
-    monkeypatch.setattr(JointTrajectory, "sample", faulty)
 
 
 def test_samples_that_differ_from_the_pieces_are_found(arm: ArmModel, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -28,7 +28,7 @@ from tests.arm.bundled import arm_of, keyframes_of, path_of
 from tests.arm.conftest import random_joints
 from tests.arm.dense_collision_check import Dense
 from tests.arm.straight_moves import time_keyframes
-from tests.audit.test_audit import changed_sample
+from tests.audit.motions import changed_sample
 from tests.not_none import not_none
 
 PANDA = arm_of("panda").robot

@@ -27,7 +27,7 @@ from pbd.data import GRAVITY
 from pbd.pose import Array
 from tests.benchmarks.memory import repeated, simulated
 from tests.benchmarks.report import arguments, finish
-from tests.files.test_import_bag import write_bag
+from tests.files.write_bag import write_bag
 from tests.not_none import not_none
 
 RATE_HZ = 400.0

@@ -18,8 +18,8 @@ from pbd.simulation.calibration_tasks import CALIBRATION_TASKS, DOCK, PIVOT_TIP,
 from pbd.simulation.sensor_model import SENSOR_MODELS
 from pbd.simulation.simulate import simulate
 from tests.calibration.device_errors import device
+from tests.docs_pages import ROOT, blocks
 from tests.not_none import not_none
-from tests.test_docs import ROOT, blocks
 
 pytestmark = pytest.mark.usefixtures("elsewhere")
 

@@ -16,8 +16,8 @@ from pbd.data import GRAVITY, Recording
 from pbd.files.demo import write_demo
 from pbd.sensors.witmotion import UNITS
 from pbd.simulation.simulate import simulate
-from tests.arm.test_own_robot import own_toml, own_urdf
-from tests.files.test_import_witmotion import DIALECTS, written
+from tests.arm.own_robot import own_toml, own_urdf
+from tests.files.witmotion_logs import DIALECTS, written
 from tests.sensors.encoders import witmotion
 
 # Plotting takes its time; tests/test_cli_plot.py does it.

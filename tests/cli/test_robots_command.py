@@ -33,9 +33,9 @@ from pbd.planning.task import PlanningTask
 from pbd.pose import Pose, quat_exp, quat_multiply, quat_rotate
 from pbd.view.units import Units
 from tests.arm.bundled import keyframes_of
-from tests.arm.test_own_robot import own_toml, own_urdf
+from tests.arm.own_robot import own_toml, own_urdf
 from tests.cli.run_command import Capture, refused, run, run_json
-from tests.test_docs import ROOT
+from tests.docs_pages import ROOT
 
 TOML = Path("robots") / "mine.toml"
 TIAGO = """

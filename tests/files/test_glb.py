@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose
 from pbd.arm.model import from_se3
 from pbd.pose import Array, Pose, quat_from_xyzw
 from tests.arm.bundled import arm_of
-from tests.files.test_formats import written
+from tests.files.planned_motions import written
 
 Y_UP = Pose(np.zeros(3), np.array([np.sqrt(0.5), np.sqrt(0.5), 0.0, 0.0]))
 """The file's axes (y up) in axes with z up."""

@@ -17,7 +17,7 @@ from pbd.errors import PbdError, PlanError
 from pbd.files.exporters import export, export_dataset, lerobot
 from pbd.pose import Array
 from tests.arm.bundled import arm_of
-from tests.files.test_formats import planned
+from tests.files.planned_motions import planned
 from tests.system_failures import full_disk
 
 NAMES = [

@@ -16,7 +16,7 @@ from pbd.files.exporters import export
 from pbd.files.exporters.mcap import UNDATED_NS, _start_ns
 from pbd.pose import Array, Pose, quat_from_xyzw
 from tests.arm.bundled import arm_of
-from tests.files.test_formats import planned
+from tests.files.planned_motions import planned
 from tests.not_none import not_none
 
 Topics = dict[str, list[tuple[int, Any]]]

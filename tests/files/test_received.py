@@ -16,7 +16,7 @@ from pbd.files.exporters.controller_interpolation import interpolate
 from pbd.files.exporters.export_request import ExportRequest
 from pbd.pose import Pose
 from tests.arm.bundled import arm_of
-from tests.files.test_formats import planned
+from tests.files.planned_motions import planned
 from tests.files.urscript import Controller
 
 RATES = {"csv": 100.0, "npz": 200.0, "tum": 20.0, "mcap": 10.0, "glb": 10.0}

@@ -12,7 +12,7 @@ from pbd.files.exporters import check_format, export
 from pbd.files.exporters.urscript import SETTLE_S, check
 from pbd.planning import Plan
 from tests.arm.bundled import arm_of
-from tests.files.test_formats import planned
+from tests.files.planned_motions import planned
 from tests.files.urscript import Controller, HaltedError
 
 

@@ -29,7 +29,7 @@ from pbd.record.redecode import decode_raw
 from pbd.sensors.gamepad import GamepadDecoder
 from pbd.sensors.line_layout import layout_from_toml
 from pbd.view.visuals import load_mesh, read_visuals
-from tests.files.test_import_bag import write_bag
+from tests.files.write_bag import write_bag
 from tests.fuzz import contents
 from tests.record.emulated_sensors import SPEAKERS, random_hand
 from tests.sensors.encoders.gamepad import press, report

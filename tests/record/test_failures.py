@@ -20,7 +20,7 @@ from pbd.sensors.protocols import protocol
 from pbd.simulation.emulator import Emulator
 from pbd.simulation.simulate import simulate
 from tests.record.emulated_sensors import ROUNDS, SPEAKERS, Device, random_hand
-from tests.record.test_record import Watched, options, recorded
+from tests.record.watched_recording import Watched, options, recorded
 from tests.test_timestamps import arrivals
 
 

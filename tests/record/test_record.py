@@ -18,7 +18,7 @@ import pytest
 from pbd.data import Recording
 from pbd.errors import RecordingError, SensorError
 from pbd.files.demo import read_demo, write_demo
-from pbd.record import Command, Outcome, RecordOptions, Status, link, record
+from pbd.record import Command, RecordOptions, Status, link, record
 from pbd.record.session import Session
 from pbd.sensors.port import Port, open_port
 from pbd.sensors.protocols import protocol
@@ -27,30 +27,8 @@ from pbd.simulation.hand_motion import Waypoint
 from pbd.simulation.simulate import simulate
 from pbd.simulation.tasks import Task
 from tests.record.emulated_sensors import SPEAKERS, Device, random_hand
+from tests.record.watched_recording import Watched, options, recorded
 from tests.sensors.encoders import vectornav, witmotion, ximu3
-
-
-class Watched:
-    """A person who acts at given times, and a screen that keeps what it was shown."""
-
-    def __init__(self, acts: dict[float, Command] | None = None) -> None:
-        self.acts = sorted((acts or {}).items())
-        self.shown: list[Status] = []
-        self.acted: list[int] = []  # how much had been shown at each act
-
-    def poll(self) -> Command | None:
-        if self.acts and self.shown and self.shown[-1].t >= self.acts[0][0]:
-            self.acted.append(len(self.shown))
-            return self.acts.pop(0)[1]
-        return None
-
-    @property
-    def said(self) -> list[str]:
-        return [say.text for status in self.shown for say in status.messages]
-
-
-def options(folder: Path, **given: object) -> RecordOptions:
-    return RecordOptions(folder, "ximu3", "2026-01-02T03:04:05Z", **given)  # type: ignore[arg-type]
 
 
 def test_a_sensor_without_a_clock_that_slows_down_keeps_its_times_and_its_usual_rate(tmp_path: Path) -> None:
@@ -99,12 +77,6 @@ def test_no_package_is_loaded_while_samples_come(tmp_path: Path) -> None:
     loaded = subprocess.run(command, capture_output=True, text=True, check=True).stdout.split()
     assert not {"scipy", "matplotlib", "pinocchio", "rich"} & set(loaded)
     assert (tmp_path / "demo/demo.toml").exists()
-
-
-def recorded(recording: Recording, person: Watched, wanted: RecordOptions) -> Outcome:
-    with Emulator(recording) as sensor:
-        decoder = protocol("ximu3").decoder()
-        return record(lambda: open_port(sensor.device, 115200), decoder, wanted, person.poll, person.shown.append)
 
 
 @pytest.fixture(scope="module")

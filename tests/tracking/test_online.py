@@ -45,7 +45,7 @@ from pbd.tracking.online.filter import (
 from pbd.tracking.online.sample_repair import RepairedSample, SampleRepair
 from pbd.tracking.online.strapdown import Leg, Strapdown
 from pbd.tracking.online.sway import sway_of
-from pbd.tracking.online.tracker import DataFlaw, LiveEvent, LiveTracker, RestFound, StopBegan, StopEnded
+from pbd.tracking.online.tracker import DataFlaw, LiveEvent, LiveTracker, RestFound, StopEnded
 from pbd.tracking.smoother.factors import compass_heading
 from pbd.tracking.smoother.preintegration import (
     ACC_BIAS,
@@ -66,6 +66,7 @@ from tests.near import assert_near
 from tests.not_none import not_none
 from tests.scenarios import pour, simulate, truth_at, uncalibrated, with_hole, with_rows
 from tests.simulation.sway import with_sway
+from tests.tracking.fed_tracker import began, fed
 
 SENSORS = ("modern", "os5000", "wt901")
 SEEDS = (2, 3)
@@ -74,19 +75,6 @@ WHITE = Noise(0.1, 1.0, FACTORY, gyr_turn=0.0, acc_motion=0.0, acc_bend=0.0)
 
 LATEST_S = 0.3
 """s: a stop is announced within this time of its start."""
-
-
-def fed(recording: Recording, sizes: list[int] | None = None) -> tuple[LiveTracker, list[LiveEvent]]:
-    """Feed a recording as a whole, or in pieces of these sizes, repeated."""
-    tracker, start = LiveTracker(recording.info.sensor), 0
-    events: list[LiveEvent] = []
-    while start < len(recording):
-        size = len(recording) if sizes is None else sizes[start % len(sizes)]
-        rows = slice(start, start + size)
-        part = with_rows(recording, rows)
-        events += tracker.feed(part.t, part.acc, part.gyr, part.mag, part.device_rpy)
-        start += size
-    return tracker, events
 
 
 @cache
@@ -110,10 +98,6 @@ def poured_at_first() -> Recording:
 def plain() -> tuple[LiveTracker, list[LiveEvent]]:
     """They without faults."""
     return fed(poured_at_first())
-
-
-def began(events: list[LiveEvent]) -> list[StopBegan]:
-    return [event for event in events if isinstance(event, StopBegan)]
 
 
 def flat(value: object) -> object:

@@ -14,7 +14,7 @@ from pbd.tracking.noise import noise_of
 from tests.not_none import not_none
 from tests.scenarios import truth_at, with_rows
 from tests.simulation.sway import with_sway
-from tests.tracking.test_online import began, fed
+from tests.tracking.fed_tracker import began, fed
 from tests.tracking.trembling import STRONG, STRONGEST, USUAL, trembling, with_tremor
 
 STOPS = 11

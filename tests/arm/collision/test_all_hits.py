@@ -12,7 +12,7 @@ from pbd.arm.model import ArmModel
 from pbd.data import GraspedObject, JointTrajectory
 from pbd.planning.result import find_touching
 from pbd.pose import Array
-from tests.arm.collision.test_collision import BOTTLE, GRIPS, PLACES, board, through
+from tests.arm.collision.past_a_board import BOTTLE, GRIPS, PLACES, board, through
 
 
 def sampled(scene: CollisionScene, trajectory: JointTrajectory, t: Array) -> dict[tuple[str, str], list[float]]:

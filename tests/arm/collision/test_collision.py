@@ -1,6 +1,5 @@
 """Motions: contacts anywhere on the way are found, described and timed."""
 
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -17,38 +16,18 @@ from pbd.arm.path_sampling import sample_trajectory
 from pbd.data import GraspedObject, JointTrajectory, Obstacle, Robot
 from pbd.data.world import TABLE, ObjectPhase
 from pbd.errors import PlanError
-from pbd.pose import Array, Pose, quat_from_rpy
+from pbd.pose import Array, Pose
+from tests.arm.collision.past_a_board import BOTTLE, DOWN, GRIPS, PLACES, board, through
 from tests.arm.collision_oracles import first_hit, placements, points_of
 from tests.arm.conftest import random_joints
 from tests.arm.straight_moves import solve_path, time_keyframes
 from tests.not_none import not_none
-
-BOTTLE = GraspedObject("cylinder", (0.06, 0.2))
-DOWN = quat_from_rpy((np.pi, 0.0, 0.0))
 
 
 def refuse_collision(scene: CollisionScene, trajectory: JointTrajectory) -> None:
     found = first_hit(scene, trajectory)
     if found is not None:
         raise collision_error(scene, trajectory, found)
-
-
-def through(
-    arm: ArmModel, places: Sequence[tuple[float, float, float]], grips: Sequence[bool | None]
-) -> JointTrajectory:
-    """Return a motion from home through places, with the tool pointing down."""
-    q = solve_path(arm, [Pose(np.array(place), DOWN) for place in places], arm.robot.home)
-    return time_keyframes(arm, q, [0.2] * len(places), grips, arm.robot.home)
-
-
-PLACES = [(0.5, -0.2, 0.35), (0.5, -0.2, 0.15), (0.5, -0.2, 0.35), (0.5, 0.2, 0.35), (0.5, 0.2, 0.15), (0.5, 0.2, 0.35)]
-GRIPS = [None, True, None, None, False, None]
-
-
-def board(low: float, high: float, thick: float = 0.02) -> Obstacle:
-    """Return a board across the middle of the path, from one height to another, m."""
-    middle = (0.6, 0.0, (low + high) / 2)
-    return Obstacle("the board", "box", (0.3, thick, high - low), Pose.from_rpy(middle, (0, 0, 0)))
 
 
 def test_a_free_motion_is_free(arm: ArmModel) -> None:

@@ -25,7 +25,7 @@ from pbd.pose import Array, Pose, quat_about_z, quat_inverse, quat_rotate
 from tests.arm.bundled import KINDS, NAMES, arm_of
 from tests.arm.collision_oracles import coordinates, hull_distance, placements, points_of, rounding_of
 from tests.arm.dense_collision_check import joint_values
-from tests.audit.test_audit import spline
+from tests.audit.motions import spline
 from tests.not_none import not_none
 
 

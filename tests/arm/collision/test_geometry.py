@@ -1,8 +1,6 @@
 """A robot's links as convex bodies, compared with pinocchio's reading of the URDF and with the raw meshes."""
 
-from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -13,10 +11,10 @@ from pbd.arm.collision.clearance import Clearance
 from pbd.arm.collision.geometry import Body, _slabs, link_bodies
 from pbd.arm.gripper import arm_bodies
 from pbd.arm.model import load_model
-from pbd.data import Robot
 from pbd.errors import RobotError
 from pbd.pose import Array, Pose
 from tests.arm.bundled import KINDS, arm_of
+from tests.arm.collision.simple_robot import simple
 from tests.arm.collision_oracles import (
     coordinates,
     hull_distance,
@@ -71,31 +69,6 @@ def test_no_contact_of_the_meshes_is_missed_and_few_are_false(name: str) -> None
     assert np.mean(made_up) <= 0.02
 
 
-def simple(tmp_path: Path, shapes: str) -> Robot:
-    """Return a robot of two joints about z, whose hand has the given shapes."""
-    path = tmp_path / "arm.urdf"
-    path.write_text(SIMPLE_URDF.format(shapes), encoding="utf-8")
-    panda = arm_of("panda").robot
-    limits: Any = {name: np.ones(2) for name in ("upper", "velocity", "acceleration", "jerk")}
-    return replace(
-        panda,
-        urdf=path,
-        srdf=None,
-        package_dirs=(tmp_path,),
-        base="foot",
-        body="hand",
-        joints=("pan", "turn"),
-        home=np.zeros(2),
-        gripper=None,
-        limits=replace(panda.limits, lower=-np.ones(2), effort=None, **limits),
-    )
-
-
-SIMPLE_URDF = """<robot name="simple"><link name="foot"/><link name="arm"/><link name="hand">{}</link>
-<joint name="pan" type="revolute"><parent link="foot"/><child link="arm"/><origin xyz="0 0 0.5"/>
-<axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint>
-<joint name="turn" type="revolute"><parent link="arm"/><child link="hand"/><origin xyz="0.5 0 0"/>
-<axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint></robot>"""
 SHAPES = '<{0}><origin xyz="0.1 0.2 0.3" rpy="0 0 1.5707963267948966"/><geometry>{1}</geometry></{0}>'
 
 

@@ -11,7 +11,7 @@ from pbd.arm.model import load_model
 from pbd.cli import main
 from pbd.data.world import TABLE, THE_TOOL
 from tests.arm.bundled import NAMES, arm_of
-from tests.arm.collision.test_geometry import simple
+from tests.arm.collision.simple_robot import simple
 
 
 @pytest.mark.parametrize("name", NAMES)

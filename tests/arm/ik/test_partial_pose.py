@@ -27,8 +27,8 @@ from pbd.files.robot import read_robot
 from pbd.pose import Array, Pose, quat_to_matrix
 from tests.arm.bundled import FIVE_JOINTS, NAMES, arm_of, keyframes_of
 from tests.arm.conftest import random_joints
+from tests.arm.own_robot import own_toml, own_urdf
 from tests.arm.straight_moves import solve_path
-from tests.arm.test_own_robot import own_toml, own_urdf
 
 
 def turned(pose: Pose, rotation: Array) -> Pose:

@@ -17,7 +17,7 @@ from pbd.arm.timing.time_moves import ptp_move
 from pbd.data import JointLimits
 from pbd.pose import Array
 from tests.arm.bundled import arm_of
-from tests.arm.timing.test_speed_profile import limits_of, random_waypoints
+from tests.arm.timing.random_paths import limits_of, random_waypoints
 from tests.arm.toppra_oracle import toppra_duration
 from tests.not_none import not_none
 

@@ -4,24 +4,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.interpolate import CubicSpline
 
 from pbd.arm.timing.path_smoothing import Curve
 from pbd.arm.timing.speed_profile import fastest_profile
-from pbd.data import JointLimits
-from pbd.pose import Array
+from tests.arm.timing.random_paths import limits_of, random_waypoints
 from tests.arm.toppra_oracle import toppra_duration
-
-
-def limits_of(velocity: float, acceleration: float, jerk: float, joints: int = 3) -> JointLimits:
-    one = np.ones(joints)
-    return JointLimits(-100.0 * one, 100.0 * one, velocity * one, acceleration * one, jerk * one, "a test")
-
-
-def random_waypoints(seed: int, joints: int = 3, spread: float = 0.4) -> Array:
-    corners = np.cumsum(np.random.default_rng(seed).normal(scale=spread, size=(6, joints)), axis=0)
-    waypoints: Array = CubicSpline(np.linspace(0, 1, 6), corners)(np.linspace(0, 1, 50))
-    return waypoints
 
 
 @pytest.mark.parametrize("seed", range(4))

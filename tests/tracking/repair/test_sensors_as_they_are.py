@@ -2,7 +2,6 @@
 
 import warnings
 from dataclasses import replace
-from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +11,6 @@ from hypothesis import strategies as st
 
 from pbd.data import GRAVITY, Demonstration, Recording
 from pbd.errors import PbdWarning, RecordingError, TrackingError
-from pbd.files.importers import import_file
 from pbd.pipeline import track
 from pbd.pose import Array
 from pbd.simulation.calibration_tasks import sides
@@ -24,33 +22,13 @@ from pbd.tracking.repair.channel_faults import frozen_rows, refuse_dead, stuck_a
 from pbd.tracking.repair.gyro_consistency import find_steady, refuse_disagreement
 from pbd.tracking.repair.repair_recording import repair_recording
 from pbd.tracking.repair.splices import without_wild
-from tests.benchmarks.trials import read_broad
 from tests.not_none import not_none
 from tests.scenarios import keyframes_and_errors, pour, simulate, uncalibrated, with_channel, with_rows
+from tests.tracking.repair.real_recordings import real_recordings
 
 pytestmark = pytest.mark.usefixtures("cached_results")
 
 WITH_GYRO = ["os5000", "wt901", "modern", "ideal"]
-
-
-@cache
-def real_recordings(folder: Path) -> dict[str, Recording]:
-    """Each at its sensor's rate, and resampled as slower sensors would read it."""
-    found: dict[str, Recording] = {}
-    for file in sorted((folder / "broad").glob("*.npz")):
-        found |= {f"{file.stem} {rate}": trial.recording for rate, trial in read_broad(file).items()}
-    for file in [*(folder / "strides").glob("*.npz"), *(folder / "walks").glob("*.csv")]:
-        recording = import_file(file).recording
-        for every in (1, 2, 4):
-            n = len(recording) // every
-            found[f"{file.stem} {every}"] = Recording(
-                *(
-                    values[: n * every].reshape(n, every, -1).mean(axis=1).reshape(n, *values.shape[1:])
-                    for values in (recording.t, recording.acc, recording.gyr)
-                    if values is not None
-                )
-            )
-    return found
 
 
 def with_spike(recording: Recording, channel: str, row: int, axis: int, value: float) -> Recording:

@@ -20,7 +20,7 @@ from pbd.tracking.repair.splices import _extrapolate, _unmet, in_order, refuse_d
 from tests.benchmarks.trials import read_broad
 from tests.not_none import not_none
 from tests.scenarios import pour, simulate, with_rows
-from tests.tracking.repair.test_sensors_as_they_are import real_recordings
+from tests.tracking.repair.real_recordings import real_recordings
 
 
 @pytest.mark.parametrize(

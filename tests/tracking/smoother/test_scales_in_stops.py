@@ -10,7 +10,7 @@ from pbd.tracking.smoother.preintegration import ACC_MATRIX, ERRORS, GYR_MATRIX,
 from pbd.tracking.smoother.state import lower_matrix
 from tests.not_none import not_none
 from tests.scenarios import simulate
-from tests.tracking.smoother.test_smoother import smoothed
+from tests.tracking.smoother.smoothed import smoothed
 
 N = np.array((0.3, -0.2, 0.5, 0.7, -0.4, 0.1))
 """Entries of an accelerometer's matrix."""

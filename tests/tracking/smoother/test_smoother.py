@@ -12,11 +12,10 @@ from pbd.pose import Array, lengths, quat_inverse, quat_log, quat_multiply, quat
 from pbd.simulation.hand_motion import Waypoint
 from pbd.simulation.simulate import random_task
 from pbd.simulation.tasks import Task
-from pbd.tracking.estimate import Estimate, estimate
+from pbd.tracking.estimate import Estimate
 from pbd.tracking.first_rest import find_rest
 from pbd.tracking.moving_windows import Spans
 from pbd.tracking.noise import FACTORY, Noise, acc_sigma_factor, noise_of
-from pbd.tracking.repair.repair_recording import repair_recording
 from pbd.tracking.smoother import normal_equations
 from pbd.tracking.smoother.doubtful_stops import MOVING_WEIGHT, revised_stops
 from pbd.tracking.smoother.factors import (
@@ -38,14 +37,9 @@ from pbd.tracking.smoother.state import SHARED, SHARED_PIVOT
 from tests.benchmarks.trials import with_drift
 from tests.not_none import not_none
 from tests.scenarios import simulate
+from tests.tracking.smoother.smoothed import smoothed
 
 SENSORS = ("os5000", "wt901", "modern")
-
-
-def smoothed(recording: Recording) -> Estimate:
-    recording, _ = repair_recording(recording)
-    rest = find_rest(recording)
-    return estimate(recording, rest, noise_of(recording, rest))
 
 
 def test_a_devices_own_attitude_is_believed_at_rest_and_not_where_it_turns() -> None:
