@@ -23,9 +23,8 @@ from tests.cli.run_command import Capture, refused, run, run_json
 
 
 @pytest.fixture
-def takes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
+def takes(elsewhere: Path) -> list[str]:
     """Two valid takes, and one without samples."""
-    monkeypatch.chdir(tmp_path)
     write_demo(simulate("pick-and-place-stops", "modern", 0), Path("demos/tea1"))
     shutil.copytree("demos/tea1", "demos/tea2")
     shutil.copytree("demos/tea1", "demos/broken")

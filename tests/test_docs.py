@@ -13,9 +13,8 @@ from tests.docs_pages import PAGES, ROOT, blocks
 
 @pytest.mark.parametrize("page", [page for page in PAGES if blocks(page, "python")], ids=lambda page: page.stem)
 @pytest.mark.usefixtures("cached_results")
-def test_the_examples_run(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_examples_run(page: Path, elsewhere: Path) -> None:
     """The blocks of a page run in order and share their names. Exports are of a shorter demonstration."""
-    monkeypatch.chdir(tmp_path)
     names: dict[str, object] = {}
     for number, block in enumerate(blocks(page, "python"), start=1):
         if page.stem == "exports":
@@ -24,10 +23,9 @@ def test_the_examples_run(page: Path, tmp_path: Path, monkeypatch: pytest.Monkey
 
 
 def test_the_calibrations_without_hardware_print_what_the_page_says(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+    elsewhere: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     """Each `# ...` line below a command has the numbers of one line that the command prints."""
-    monkeypatch.chdir(tmp_path)
     number, printed, compared = re.compile(r"\d+\.\d+"), [""], 0
     for line in "".join(blocks(ROOT / "docs" / "calibration.md", "sh")).splitlines():
         if line.startswith("# "):

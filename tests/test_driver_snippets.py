@@ -164,9 +164,8 @@ def test_the_arm_is_told_every_row(
 
 @pytest.mark.parametrize(("robot_name", "program"), PROGRAMS.items())
 def test_an_arm_that_stands_elsewhere_is_not_moved(
-    robot_name: str, program: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    robot_name: str, program: str, elsewhere: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.chdir(tmp_path)
     k = len(load_robot(robot_name).joints)
     t = np.array([0.0, 1.0 / RATES[robot_name]])
     np.savez("motion.npz", q=np.zeros((2, k)), dq=np.zeros((2, k)), t=t, gripper=np.ones(2))

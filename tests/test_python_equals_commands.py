@@ -51,9 +51,8 @@ bias = [0.01, -0.01, 0.02]
 
 
 @pytest.fixture(autouse=True)
-def tea(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Demonstration:
+def tea(elsewhere: Path) -> Demonstration:
     """A simulated demonstration that grips a bottle; ./calibration/bench.toml is there too."""
-    monkeypatch.chdir(tmp_path)
     Path("calibration").mkdir()
     Path("calibration/bench.toml").write_text(BENCH.format(table=""), encoding="utf-8")
     return replace(simulate(FETCH, "modern", 0), grasped=GraspedObject("cylinder", (0.06, 0.2)), closed=True)

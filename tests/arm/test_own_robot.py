@@ -27,12 +27,11 @@ LIGHT = "torques are underestimated: the URDF gives no link mass on joint1, join
 
 
 @pytest.fixture
-def mine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Robot:
+def mine(elsewhere: Path) -> Robot:
     """A URDF of six joints, and the TOML that docs/robots.md gives."""
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "robots").mkdir()
-    (tmp_path / "robots" / "mine.urdf").write_text(own_urdf(), encoding="utf-8")
-    (tmp_path / "robots" / "mine.toml").write_text(own_toml(), encoding="utf-8")
+    (elsewhere / "robots").mkdir()
+    (elsewhere / "robots" / "mine.urdf").write_text(own_urdf(), encoding="utf-8")
+    (elsewhere / "robots" / "mine.toml").write_text(own_toml(), encoding="utf-8")
     return load_robot("mine")
 
 

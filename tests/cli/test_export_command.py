@@ -33,8 +33,7 @@ def test_every_suffix_says_a_format() -> None:
     assert {*SUFFIXES.values(), *also} == set(FORMATS)
 
 
-def test_the_hands_path_needs_no_robot(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture) -> None:
-    monkeypatch.chdir(tmp_path)
+def test_the_hands_path_needs_no_robot(elsewhere: Path, capsys: Capture) -> None:
     assert main(["export", "paper-test1", "--robot", "ur5", "--format", "tum-hand", "-o", "planned.tum"]) == 0
     assert main(["export", "paper-test1", "--format", "tum-hand", "-o", "hand.tum"]) == 0
     assert Path("hand.tum").read_text() == Path("planned.tum").read_text()

@@ -24,17 +24,15 @@ from tests.tracking.tapping import tapped
 
 
 @pytest.fixture
-def in_g(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def in_g(elsewhere: Path) -> Path:
     """A table whose acceleration is in g without saying so."""
-    monkeypatch.chdir(tmp_path)
     demo = simulate("pick-and-place-stops", "modern", 0)
-    write_demo(replace(demo, recording=replace(demo.recording, acc=demo.recording.acc / GRAVITY)), tmp_path / "g")
-    return tmp_path / "g" / "imu.csv"
+    write_demo(replace(demo, recording=replace(demo.recording, acc=demo.recording.acc / GRAVITY)), elsewhere / "g")
+    return elsewhere / "g" / "imu.csv"
 
 
-def test_printed_lines_that_share_a_time_are_all_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_printed_lines_that_share_a_time_are_all_read(elsewhere: Path) -> None:
     """One line of each batch was kept, without a word."""
-    monkeypatch.chdir(tmp_path)
     recording = simulate("pour", "modern", 1).recording
     assert recording.gyr is not None
     rows = np.column_stack((0.25 * (np.arange(1000) // 25), recording.acc[:1000], recording.gyr[:1000]))
@@ -60,9 +58,8 @@ def test_acceleration_in_g_is_told_at_once_and_what_it_says_to_do_helps(
     ("unit", "given"), [("g", "mg"), ("g", "cm/s2"), ("g", "m/s2"), ("mg", "g"), ("m/s2", "g"), ("m/s2", "mg")]
 )
 def test_a_wrong_unit_that_was_given_is_not_answered_with_another(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, unit: str, given: str
+    elsewhere: Path, capsys: pytest.CaptureFixture[str], unit: str, given: str
 ) -> None:
-    monkeypatch.chdir(tmp_path)
     noise = np.random.default_rng(0).normal(scale=0.01, size=(400, 3))
     acc = (np.array((0.0, 0.0, 9.8)) + noise) / UNITS["acc"][unit]
     rows = [f"{k / 100},{x},{y},{z}" for k, (x, y, z) in enumerate(acc.tolist())]
@@ -87,12 +84,11 @@ def test_a_sign_that_was_turned_is_not_advised_again(
 
 
 @pytest.fixture
-def pulled(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def pulled(elsewhere: Path) -> Path:
     """A table with the opposite sign: a level sensor reads -g on z. Nothing in the table says so."""
-    monkeypatch.chdir(tmp_path)
     demo = simulate("pick-and-place-stops", "ideal", 0)
-    write_demo(replace(demo, recording=replace(demo.recording, acc=-demo.recording.acc)), tmp_path / "pulled")
-    return tmp_path / "pulled" / "imu.csv"
+    write_demo(replace(demo, recording=replace(demo.recording, acc=-demo.recording.acc)), elsewhere / "pulled")
+    return elsewhere / "pulled" / "imu.csv"
 
 
 def test_a_sensor_on_its_head_is_told_and_what_it_says_to_do_helps(
@@ -168,16 +164,15 @@ def test_a_recording_that_is_imported_anew_keeps_what_its_demo_toml_says(
 
 
 @pytest.fixture
-def swapped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def swapped(elsewhere: Path) -> Path:
     """A WT901's table with x and y swapped, whose columns have names of their own."""
-    monkeypatch.chdir(tmp_path)
     demo = simulate("pick-and-place-stops", "wt901", 0)
     recording = replace(demo.recording, mag=None, device_rpy=None)
-    write_demo(replace(demo, recording=recording), tmp_path / "plain")
-    header, _, rows = (tmp_path / "plain" / "imu.csv").read_text().partition("\n")
+    write_demo(replace(demo, recording=recording), elsewhere / "plain")
+    header, _, rows = (elsewhere / "plain" / "imu.csv").read_text().partition("\n")
     assert header == "t,gx,gy,gz,ax,ay,az"
-    (tmp_path / "log.csv").write_text(f"t,gx,gy,gz,acc Y,acc X,acc Z,battery\n{rows.replace(chr(10), ',7' + chr(10))}")
-    return tmp_path / "log.csv"
+    (elsewhere / "log.csv").write_text(f"t,gx,gy,gz,acc Y,acc X,acc Z,battery\n{rows.replace(chr(10), ',7' + chr(10))}")
+    return elsewhere / "log.csv"
 
 
 def test_swapped_axes_are_said_and_what_it_says_to_do_helps(swapped: Path, capsys: pytest.CaptureFixture[str]) -> None:

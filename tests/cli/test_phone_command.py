@@ -31,10 +31,7 @@ def in_the_app(codes: list[bytes]) -> str:
         return archive.read(name).decode()
 
 
-def test_the_code_in_a_picture_is_the_experiment(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
-) -> None:
-    monkeypatch.chdir(tmp_path)
+def test_the_code_in_a_picture_is_the_experiment(elsewhere: Path, capsys: Capture) -> None:
     code, out, err = run(capsys, "sensors", "phyphox", "-o", "code.png")
     assert code == 0
     assert "scan the code" in out
@@ -57,10 +54,7 @@ def test_several_codes_make_one_experiment(count: int) -> None:
     assert in_the_app(read) == experiment()
 
 
-def test_the_experiment_has_the_three_sensors_with_gravity(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
-) -> None:
-    monkeypatch.chdir(tmp_path)
+def test_the_experiment_has_the_three_sensors_with_gravity(elsewhere: Path, capsys: Capture) -> None:
     code, out, _ = run(capsys, "sensors", "phyphox")
     assert code == 0
     assert "scan" not in out  # without a terminal there is no code
@@ -90,9 +84,8 @@ def test_a_small_terminal_shows_code_after_code(tmp_path: Path) -> None:
 
 
 def test_a_terminal_too_small_for_a_code_and_one_that_shows_it_whole(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
+    elsewhere: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
 ) -> None:
-    monkeypatch.chdir(tmp_path)
     assert run_json(capsys, "sensors", "phyphox", "-o", "code.svg") == {"file": "code.svg"}
     for size, code, told in (
         ((20, 8), 1, "a terminal of 20 x 8 is too small for a code"),

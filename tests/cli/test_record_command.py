@@ -229,10 +229,7 @@ def test_a_killed_forced_recording_leaves_the_old_one_beside_and_the_next_does_s
     assert (tmp_path / "demos" / "tea.before" / "keyframes.toml").exists()
 
 
-def test_a_take_leads_to_the_next_one_and_to_what_is_made_of_them(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
-) -> None:
-    monkeypatch.chdir(tmp_path)
+def test_a_take_leads_to_the_next_one_and_to_what_is_made_of_them(elsewhere: Path, capsys: Capture) -> None:
     assert refused(capsys, 2, "record", "--take", "2").endswith("needs the task's NAME: pbd record tea --take 2")
     words = ("--sensor", "lines", "--baud", "115200", "--columns", "t,ax,ay,az,gx,gy,gz", "--unit", "acc=0.001 g")
     _, _, err = run(capsys, "record", "my tea", "--take", "2", "--port", "/dev/nothing", *words)
@@ -252,9 +249,8 @@ def test_a_take_leads_to_the_next_one_and_to_what_is_made_of_them(
 
 @pytest.mark.parametrize(("usable", "fuse"), [((1, 3), "pbd fuse tea1 tea3 -o tea"), ((3,), "")])
 def test_a_take_that_failed_or_is_missing_is_not_fused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture, usable: tuple[int, ...], fuse: str
+    elsewhere: Path, capsys: Capture, usable: tuple[int, ...], fuse: str
 ) -> None:
-    monkeypatch.chdir(tmp_path)
     demo = simulate("pick-and-place-direct")
     for take in (2, *usable):
         write_demo(replace(demo, failed=take not in usable), demo_folder(f"tea{take}"))
@@ -458,15 +454,14 @@ def test_a_missing_unit_is_named_at_the_end_and_not_taken_for_a_hand_that_never_
     assert run(capsys, "import", "demos/tea/imu.csv", "tea2", "--unit", "acc=g")[0] == 0
 
 
-def test_raw_bytes_of_lines_are_decoded_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
+def test_raw_bytes_of_lines_are_decoded_again(elsewhere: Path) -> None:
     described = ["--columns", "t,ax,ay,az,gx,gy,gz", "--unit", "t=us", "--unit", "acc=g", "--unit", "gyr=deg/s"]
     with Device(bytes_of("lines"), 100.0) as device:
         threading.Timer(0.3, device.go).start()
         recorded = ["--port", device.device, "--baud", "115200", "--raw", "--duration", "0.8"]
         assert main(["record", "tea", "--sensor", "lines", *recorded, *described]) == 0
     assert main(["import", "demos/tea/raw.bin", "again", "--sensor", "lines", *described]) == 0
-    tea, again = (read_demo(tmp_path / "demos" / name).recording for name in ("tea", "again"))
+    tea, again = (read_demo(elsewhere / "demos" / name).recording for name in ("tea", "again"))
     assert len(tea) >= 78
     assert again.t == pytest.approx(tea.t, abs=1e-6)
     assert again.acc == pytest.approx(tea.acc, abs=1e-5)

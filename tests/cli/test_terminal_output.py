@@ -22,12 +22,11 @@ SHOWN = r"\x1b[2J\x9b2J\u202e[/b]:tea:"
 
 
 @pytest.fixture
-def tea(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture) -> Path:
+def tea(elsewhere: Path, capsys: Capture) -> Path:
     """A demonstration with the label EVIL."""
-    monkeypatch.chdir(tmp_path)
     assert main(["simulate", "pick-and-place-direct", "tea"]) == 0
     assert main(["keyframes", "tea", "--save"]) == 0
-    file = tmp_path / "demos" / "tea" / "keyframes.toml"
+    file = elsewhere / "demos" / "tea" / "keyframes.toml"
     text = file.read_text().replace("[[keyframe]] # 1\n", f"[[keyframe]] # 1\nlabel = {json.dumps(EVIL)}\n")
     file.write_text(text)
     capsys.readouterr()

@@ -84,10 +84,7 @@ def test_optional_keys(tmp_path: Path) -> None:
     assert calibration.obstacles == ()
 
 
-def test_the_bundled_default_is_for_all_robots_with_the_default_mount(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
+def test_the_bundled_default_is_for_all_robots_with_the_default_mount(elsewhere: Path) -> None:
     calibration = load_calibration("default")
     assert calibration.name == "default"
     assert calibration.T_base_dock is not None

@@ -106,8 +106,7 @@ def test_only_a_new_file_gets_the_robots(tmp_path: Path) -> None:
     assert read_calibration(path).robots == ("panda",)  # a person may have changed them
 
 
-def test_a_bundled_calibration_is_copied_and_not_changed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
+def test_a_bundled_calibration_is_copied_and_not_changed(elsewhere: Path) -> None:
     before = (bundled("calibration") / "default.toml").read_bytes()
     update_calibration(calibration_file("default"), {"mount": pose_values(POSE, "in sensor axes", EXACT)})
     assert (bundled("calibration") / "default.toml").read_bytes() == before

@@ -10,10 +10,9 @@ from pbd.files.robot import load_robot
 
 
 @pytest.fixture(autouse=True)
-def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def home(elsewhere: Path) -> Path:
     """Work in an empty folder."""
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
+    return elsewhere
 
 
 def add(path: Path) -> Path:

@@ -84,7 +84,6 @@ def test_a_word_that_is_no_state_of_a_grip_is_refused_with_its_line(tmp_path: Pa
         import_file(table(tmp_path, "mark", "held", "open"), {"grip": "mark"})
 
 
-def test_the_command_stores_the_grip(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    assert main(["import", str(table(tmp_path, "button", "true", "false")), "tea", "--column", "grip=button"]) == 0
+def test_the_command_stores_the_grip(elsewhere: Path) -> None:
+    assert main(["import", str(table(elsewhere, "button", "true", "false")), "tea", "--column", "grip=button"]) == 0
     assert [(event.t, event.closed) for event in read_demo(Path("demos/tea")).recording.grip] == EVENTS

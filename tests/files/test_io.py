@@ -57,10 +57,7 @@ def test_a_pipe_is_no_place_for_a_result(tmp_path: Path) -> None:
         refuse_file(tmp_path / "pipe.csv")
 
 
-def test_a_pipe_as_a_robots_file_is_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.chdir(tmp_path)
+def test_a_pipe_as_a_robots_file_is_refused(elsewhere: Path, capsys: pytest.CaptureFixture[str]) -> None:
     Path("robots").mkdir()
     os.mkfifo("robots/mine.toml")
     assert main(["robots", "mine"]) == 1

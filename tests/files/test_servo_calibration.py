@@ -65,16 +65,15 @@ def test_another_file_is_refused(tmp_path: Path, text: str, says: str) -> None:
         read_servo_calibration(tmp_path / "mine.json", NAMES)
 
 
-def test_the_places_where_it_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("HF_LEROBOT_CALIBRATION", str(tmp_path / "lerobot"))
+def test_the_places_where_it_is_found(elsewhere: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("HF_LEROBOT_CALIBRATION", str(elsewhere / "lerobot"))
 
     def found(named: Path | None = None) -> Path:
         return find_servo_calibration(named, "so101", "so101_follower")
 
     with pytest.raises(CalibrationError, match="make one with `pbd run --calibrate --robot so101`"):
         found()
-    theirs = tmp_path / "lerobot" / "robots" / "so101_follower"
+    theirs = elsewhere / "lerobot" / "robots" / "so101_follower"
     write_servo_calibration(calibration_of("so101"), theirs / "left.json")
     assert found() == theirs / "left.json"
     write_servo_calibration(calibration_of("so101"), theirs.with_name("so_follower") / "right.json")

@@ -62,10 +62,9 @@ def fifo(folder: Path, name: str = "event5") -> Path:
     return folder / name
 
 
-def test_a_recording_with_its_grip_by_the_pads_button(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_recording_with_its_grip_by_the_pads_button(elsewhere: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Over Bluetooth: reports come in bursts, but the device's own stamps count."""
-    monkeypatch.chdir(tmp_path)
-    motion, buttons = fifo(tmp_path), fifo(tmp_path, "event6")
+    motion, buttons = fifo(elsewhere), fifo(elsewhere, "event6")
     monkeypatch.setattr(gamepad_port, "find_gamepads", lambda: {str(motion): ("DualSense", str(buttons))})
     way = (Waypoint(rest_s=1.5), Waypoint((0.2, 0.0, 0.1), (0.5, 0.0, 0.3), move_s=0.7, rest_s=1.8))
     hand = simulate(Task("short", way), "ideal", rate_hz=250.0).recording

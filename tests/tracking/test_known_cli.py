@@ -29,9 +29,8 @@ t_s = 18.1
 
 
 @pytest.fixture
-def tea(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def tea(elsewhere: Path) -> Path:
     """The everyday task in ./demos/tea; its demo.toml."""
-    monkeypatch.chdir(tmp_path)
     assert main(["simulate", "pour", "tea"]) == 0
     return Path("demos/tea/demo.toml")
 

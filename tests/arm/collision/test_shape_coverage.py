@@ -73,21 +73,20 @@ def test_an_empty_root_on_which_the_arm_slides_is_only_a_frame(tmp_path: Path, j
 
 
 def test_a_link_without_a_shape_is_reported_by_robots_and_before_a_motion(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    elsewhere: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """For a panda whose forearm has no mesh; the motion is planned nevertheless."""
-    monkeypatch.chdir(tmp_path)
     panda = arm_of("panda").robot
     toml = Path(__file__).parents[3] / "robots" / "panda.toml"
-    (tmp_path / "robots").mkdir()
+    (elsewhere / "robots").mkdir()
     document = parse(str(panda.urdf))
     for link in document.getElementsByTagName("link"):
         for kind in ("visual", "collision"):
             for shape in link.getElementsByTagName(kind) if link.getAttribute("name") == "panda_link4" else ():
                 link.removeChild(shape)
-    (tmp_path / "robots" / "mine.urdf").write_text(document.toxml())
+    (elsewhere / "robots" / "mine.urdf").write_text(document.toxml())
     text = toml.read_text().replace('"panda_description/urdf/panda.urdf"', '"mine.urdf"')
-    (tmp_path / "robots" / "mine.toml").write_text(text)
+    (elsewhere / "robots" / "mine.toml").write_text(text)
     assert main(["robots", "mine"]) == 0
     told = "contacts may be missed: panda_link4 has no collision shape"
     shown = capsys.readouterr().out
