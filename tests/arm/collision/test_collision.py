@@ -1,27 +1,55 @@
-"""Motions: contacts anywhere on the way are found, described and timed."""
+"""Motions: contacts anywhere on the way are found, all or the first, described and timed."""
 
+from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
+from weakref import ref
 
 import numpy as np
 import pytest
 
 from pbd.arm.collision.clearance import MARGIN_M, STEP_M, Clearance
 from pbd.arm.collision.geometry import link_bodies
-from pbd.arm.collision.motion_check import collision_error, object_phases_of, refuse_home
+from pbd.arm.collision.motion_check import all_hits, collision_error, object_phases_of, refuse_home
 from pbd.arm.collision.scene import CollisionScene, GraspState
 from pbd.arm.model import ArmModel, load_model
 from pbd.arm.path_sampling import sample_trajectory
 from pbd.data import GraspedObject, JointTrajectory, Obstacle, Robot
 from pbd.data.world import TABLE, ObjectPhase
 from pbd.errors import PlanError
-from pbd.pose import Array, Pose
-from tests.arm.collision.past_a_board import BOTTLE, DOWN, GRIPS, PLACES, board, through
+from pbd.planning.result import find_touching
+from pbd.pose import Array, Pose, quat_from_rpy
 from tests.arm.collision_oracles import first_hit, placements, points_of
 from tests.arm.conftest import random_joints
 from tests.arm.straight_moves import solve_path, time_keyframes
 from tests.not_none import not_none
+
+BOTTLE = GraspedObject("cylinder", (0.06, 0.2))
+
+
+DOWN = quat_from_rpy((np.pi, 0.0, 0.0))
+
+
+def through(
+    arm: ArmModel, places: Sequence[tuple[float, float, float]], grips: Sequence[bool | None]
+) -> JointTrajectory:
+    """Return a motion from home through places, with the tool pointing down."""
+    q = solve_path(arm, [Pose(np.array(place), DOWN) for place in places], arm.robot.home)
+    return time_keyframes(arm, q, [0.2] * len(places), grips, arm.robot.home)
+
+
+PLACES = [(0.5, -0.2, 0.35), (0.5, -0.2, 0.15), (0.5, -0.2, 0.35), (0.5, 0.2, 0.35), (0.5, 0.2, 0.15), (0.5, 0.2, 0.35)]
+
+
+GRIPS = [None, True, None, None, False, None]
+
+
+def board(low: float, high: float, thick: float = 0.02) -> Obstacle:
+    """Return a board across the middle of the path, from one height to another, m."""
+    middle = (0.6, 0.0, (low + high) / 2)
+    return Obstacle("the board", "box", (0.3, thick, high - low), Pose.from_rpy(middle, (0, 0, 0)))
 
 
 def refuse_collision(scene: CollisionScene, trajectory: JointTrajectory) -> None:
@@ -245,3 +273,61 @@ def test_nan_is_an_error(arm: ArmModel) -> None:
         scene.hit(q)
     with pytest.raises(ValueError, match="NaN"):
         scene.check_path(np.stack((arm.robot.home, np.where(np.arange(7) == 3, np.nan, arm.robot.home))))
+
+
+def sampled(scene: CollisionScene, trajectory: JointTrajectory, t: Array) -> dict[tuple[str, str], list[float]]:
+    """Return the sampled instants at which two bodies touch, by their names."""
+    samples, phases = trajectory.at(t), object_phases_of(scene, trajectory)
+    found: dict[tuple[str, str], list[float]] = {}
+    for instant, q, opening in zip(t, samples.q, samples.gripper, strict=True):
+        x = np.append(q, opening)
+        around = [scene.object_clearance(phase) for phase in phases if phase.start <= instant <= phase.end]
+        for watch in (scene.always, *around):
+            for pair, distance in watch.touching(x):
+                hit = scene.as_hit(watch, pair, x, distance)
+                found.setdefault((hit.first, hit.second), []).append(float(instant))
+    return found
+
+
+@pytest.mark.parametrize(
+    ("table", "height", "grasped", "least"),
+    [(0.17, 0.05, None, 2), (0.17, 0.45, None, 2), (0.12, 0.45, BOTTLE, 2)],  # the hand comes down to 0.15 m twice
+)
+def test_all_hits_are_those_that_a_search_finds(
+    arm: ArmModel, table: float, height: float, grasped: GraspedObject | None, least: int
+) -> None:
+    scene = CollisionScene(arm, table, [board(0.0, height)], grasped)
+    trajectory = through(arm, PLACES, GRIPS)
+    hits = all_hits(scene, trajectory)
+    step = 0.02
+    wanted = sampled(scene, trajectory, np.arange(0.0, trajectory.duration, step))
+    assert len(hits) >= least
+    assert {(each.hit.first, each.hit.second) for each in hits} >= set(wanted)
+    for bodies, instants in wanted.items():
+        spans = [(each.t, each.parted_t) for each in hits if (each.hit.first, each.hit.second) == bodies]
+        for instant in instants:
+            assert any(start - step <= instant <= end + step for start, end in spans), (bodies, instant, spans)
+        for start, end in spans:  # and each hit is confirmed, unless it is too short for the search
+            assert end - start < 2 * step or any(start <= instant <= end for instant in instants)
+    for earlier, later in pairwise(hits):
+        assert earlier.t <= later.t
+
+
+def test_the_first_hit_is_that_of_a_refusal(arm: ArmModel) -> None:
+    scene = CollisionScene(arm, 0.12, [board(0.0, 0.45)], BOTTLE)
+    trajectory = through(arm, PLACES, GRIPS)
+    touching = find_touching(scene, trajectory)
+    assert touching is not None
+    first, fields = touching.hits[0], touching.error.fields
+    assert first.t == min(each.t for each in touching.hits)
+    assert (fields["t"], fields["bodies"]) == (first.t, (first.hit.first, first.hit.second))
+
+
+def test_an_objects_clearance_goes_with_its_motion(arm: ArmModel) -> None:
+    """A scene is cached, and each motion has phases of its own."""
+    scene, trajectory = CollisionScene(arm, 0.12, [board(0.0, 0.45)], BOTTLE), through(arm, PLACES, GRIPS)
+    phases = object_phases_of(scene, trajectory)
+    kept = [ref(scene.object_clearance(phase)) for phase in phases]
+    assert [each() for each in kept] == [scene.object_clearance(phase) for phase in phases]
+    del phases
+    assert [each() for each in kept] == [None] * len(kept)

@@ -1,4 +1,4 @@
-"""The smoother, on simulated hands."""
+"""The smoother, on simulated hands; and what a stop shows of the matrices of its sensor."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -8,14 +8,25 @@ import numpy as np
 import pytest
 
 from pbd.data import Demonstration, Recording
-from pbd.pose import Array, lengths, quat_inverse, quat_log, quat_multiply, quat_rotate, yaw_toward
+from pbd.pose import (
+    Array,
+    lengths,
+    quat_exp,
+    quat_inverse,
+    quat_log,
+    quat_multiply,
+    quat_rotate,
+    quat_to_matrix,
+    yaw_toward,
+)
 from pbd.simulation.hand_motion import Waypoint
 from pbd.simulation.simulate import random_task
 from pbd.simulation.tasks import Task
-from pbd.tracking.estimate import Estimate
+from pbd.tracking.estimate import Estimate, estimate
 from pbd.tracking.first_rest import find_rest
 from pbd.tracking.moving_windows import Spans
-from pbd.tracking.noise import FACTORY, Noise, acc_sigma_factor, noise_of
+from pbd.tracking.noise import BARE, FACTORY, Noise, acc_sigma_factor, noise_of
+from pbd.tracking.repair.repair_recording import repair_recording
 from pbd.tracking.smoother import normal_equations
 from pbd.tracking.smoother.doubtful_stops import MOVING_WEIGHT, revised_stops
 from pbd.tracking.smoother.factors import (
@@ -28,16 +39,22 @@ from pbd.tracking.smoother.factors import (
     robust_weights,
     whitener,
 )
-from pbd.tracking.smoother.knots import Problem, _turn_sigma, row_noise
+from pbd.tracking.smoother.knots import Problem, _fix_sway, _turn_sigma, row_noise
 from pbd.tracking.smoother.large_errors import _large_lag_and_scale
 from pbd.tracking.smoother.normal_equations import BAND, STATE, STATE_ACC_BIAS, STATE_GYR_BIAS, NormalEquations, Solved
-from pbd.tracking.smoother.preintegration import GYR_MATRIX, LAG, POS, ROT, VEL, GyroFrame
+from pbd.tracking.smoother.preintegration import ACC_MATRIX, ERRORS, GYR_MATRIX, LAG, POS, ROT, VEL, GyroFrame, Legs
 from pbd.tracking.smoother.smooth import _initial_state
-from pbd.tracking.smoother.state import SHARED, SHARED_PIVOT
+from pbd.tracking.smoother.state import SHARED, SHARED_PIVOT, lower_matrix
 from tests.benchmarks.trials import with_drift
 from tests.not_none import not_none
 from tests.scenarios import simulate
-from tests.tracking.smoother.smoothed import smoothed
+
+
+def smoothed(recording: Recording) -> Estimate:
+    recording, _ = repair_recording(recording)
+    rest = find_rest(recording)
+    return estimate(recording, rest, noise_of(recording, rest))
+
 
 SENSORS = ("os5000", "wt901", "modern")
 
@@ -332,3 +349,47 @@ def test_the_first_guess_moves_as_the_samples_say() -> None:
 def test_noise_makes_one_knot_in_twenty_seem_to_move() -> None:
     squares = np.square(np.random.default_rng(0).normal(size=(100_000, 3))).sum(axis=1)
     assert (robust_weights(squares) < MOVING_WEIGHT).mean() == pytest.approx(0.05, abs=0.005)
+
+
+N = np.array((0.3, -0.2, 0.5, 0.7, -0.4, 0.1))
+"""Entries of an accelerometer's matrix."""
+
+
+@pytest.fixture(scope="module")
+def problem() -> Problem:
+    return not_none(smoothed(simulate("pour", "wt901", 0).recording).solution).problem
+
+
+def test_in_a_stop_the_accelerometers_matrix_multiplies_the_mean_force(problem: Problem) -> None:
+    legs, middle = problem.legs, (problem.rows[:-1] + problem.rows[1:]) // 2
+    C = quat_to_matrix(problem.frame.wxyz[middle])
+    gained = (C.transpose(0, 2, 1) @ legs.dU[:, :, None])[:, :, 0]
+    for stop in range(len(problem.stops)):
+        within = np.flatnonzero(problem.same_stop & (problem.stop_of[:-1] == stop))
+        force = gained[within].sum(axis=0) / legs.T[within].sum()
+        for k in within:
+            change = -C[k] @ lower_matrix(N) @ force
+            np.testing.assert_allclose(legs.J[k, VEL, ACC_MATRIX] @ N, change * legs.T[k], rtol=1e-9)
+            np.testing.assert_allclose(legs.J[k, POS, ACC_MATRIX] @ N, change * legs.T[k] ** 2 / 2.0, rtol=1e-9)
+
+
+def test_the_drift_of_the_gyro_frame_does_not_change_a_stops_force() -> None:
+    """The bias is half a degree a second. The first stop has a knot, but no leg; the second is tested."""
+    force, T = np.array((1.0, 2.0, 9.0)), np.ones(100)
+    C = quat_to_matrix(quat_exp(np.radians(0.5) * np.arange(100.0)[:, None] * (1.0, 0.0, 0.0)))
+    none = np.zeros((0, 0))
+    legs = Legs(T, none, C @ force, none, np.ones((100, 9, ERRORS)), none)
+    _fix_sway(legs, C, np.ones(100, dtype=np.intp))
+    np.testing.assert_allclose(legs.J[:, VEL, ACC_MATRIX] @ N, -C @ lower_matrix(N) @ force, rtol=1e-9)
+
+
+def test_only_moves_show_the_gyros_scales(problem: Problem) -> None:
+    shown = problem.legs.J[:, :, GYR_MATRIX].any(axis=(1, 2))
+    np.testing.assert_array_equal(shown, ~problem.same_stop)
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_noise_and_sway_raise_no_scale(seed: int) -> None:
+    """Pouring turns the hand about x, which stays level: gravity never shows this axis' scale, of a prior of 1 %."""
+    found = not_none(smoothed(simulate("pour", "wt901", seed).recording).solution).state.shared[ACC_MATRIX]
+    assert abs(found[0]) < 0.3 * BARE.acc_scale
