@@ -5,13 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 import pbd
-from pbd.data import (
-    Calibration,
-    Demonstration,
-    HandPath,
-    Keyframe,
-    Robot,
-)
+from pbd.data import Calibration, Demonstration, HandPath, Keyframe, Robot
 from pbd.files.demo import load_demo
 from pbd.planning import Plan, PlanOptions
 from pbd.pose import Pose, quat_exp

@@ -16,16 +16,7 @@ from pbd.arm.tool_deviation import off_line
 from pbd.audit import audit
 from pbd.audit.arm import AuditArm
 from pbd.audit.contact import Pair, Touch, find_touch
-from pbd.data import (
-    Calibration,
-    GraspedObject,
-    HandPath,
-    JointTrajectory,
-    Keyframe,
-    Obstacle,
-    Robot,
-    Stop,
-)
+from pbd.data import Calibration, GraspedObject, HandPath, JointTrajectory, Keyframe, Obstacle, Robot, Stop
 from pbd.data.covariance import PoseCovariance
 from pbd.errors import PbdError, PbdWarning, PlanError, TrackingError, UsageError
 from pbd.files.demo import load_demo

@@ -11,13 +11,7 @@ from matplotlib.figure import Figure
 from pbd.data import FusedTake, Fusion, HandPath, Keyframe
 from pbd.data.covariance import PoseCovariance
 from pbd.pipeline import track
-from pbd.plots.compare import (
-    Comparison,
-    Tracked,
-    compare,
-    spread_rows,
-    spread_table,
-)
+from pbd.plots.compare import Comparison, Tracked, compare, spread_rows, spread_table
 from pbd.plots.compare_figures import COMPARISONS, FUSION_FIGURES, MAX_NAMED, _legend_entries
 from pbd.plots.style import INK, style
 from pbd.pose import Array, Pose, quat_about_z, quat_multiply, quat_rotate, quat_to_matrix

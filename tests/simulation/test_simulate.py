@@ -10,15 +10,7 @@ from hypothesis import strategies as st
 
 from pbd.data import Demonstration, Truth
 from pbd.errors import SensorError, UsageError
-from pbd.pose import (
-    Array,
-    quat_about_z,
-    quat_from_rpy,
-    quat_inverse,
-    quat_log,
-    quat_multiply,
-    quat_rotate,
-)
+from pbd.pose import Array, quat_about_z, quat_from_rpy, quat_inverse, quat_log, quat_multiply, quat_rotate
 from pbd.simulation.hand_motion import HandMotion, Waypoint
 from pbd.simulation.sensor_model import SensorModel
 from pbd.simulation.simulate import EARTH, SENSOR_MODELS, TASKS, World, random_task, simulate

@@ -13,17 +13,7 @@ import numpy as np
 from pbd.data import GRAVITY, Demonstration, HandPath, Truth
 from pbd.errors import PbdError, PbdWarning
 from pbd.pipeline import track
-from pbd.pose import (
-    Array,
-    Pose,
-    lengths,
-    quat_about_z,
-    quat_inverse,
-    quat_log,
-    quat_multiply,
-    quat_rotate,
-    yaw_toward,
-)
+from pbd.pose import Array, Pose, lengths, quat_about_z, quat_inverse, quat_log, quat_multiply, quat_rotate, yaw_toward
 from pbd.simulation.hand_motion import Waypoint
 from pbd.simulation.sensor_model import SensorModel
 from pbd.simulation.simulate import SENSOR_MODELS, random_task

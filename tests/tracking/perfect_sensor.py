@@ -8,15 +8,7 @@ import pytest
 
 from pbd.data import HandPath, Stop, Truth
 from pbd.pipeline import track
-from pbd.pose import (
-    Array,
-    quat_about_z,
-    quat_inverse,
-    quat_log,
-    quat_multiply,
-    quat_rotate,
-    yaw_toward,
-)
+from pbd.pose import Array, quat_about_z, quat_inverse, quat_log, quat_multiply, quat_rotate, yaw_toward
 from pbd.simulation.hand_motion import Waypoint
 from pbd.simulation.sensor_model import AttitudeOutput, SensorModel
 from pbd.simulation.simulate import SENSOR_MODELS, random_task

@@ -8,9 +8,7 @@ import pytest
 
 from pbd.data import Recording, Stop
 from pbd.pipeline import track
-from pbd.pose import (
-    quat_rotate,
-)
+from pbd.pose import quat_rotate
 from pbd.simulation.hand_motion import HandMotion, Waypoint
 from pbd.simulation.sensor_model import AttitudeOutput, SensorModel
 from pbd.simulation.simulate import SENSOR_MODELS, random_task

@@ -17,15 +17,7 @@ from pbd.data import GRAVITY, Recording
 from pbd.data.recording import resolution_of
 from pbd.errors import TrackingError
 from pbd.pipeline import track
-from pbd.pose import (
-    Array,
-    quat_cumulative,
-    quat_exp,
-    quat_inverse,
-    quat_log,
-    quat_multiply,
-    quat_rotate,
-)
+from pbd.pose import Array, quat_cumulative, quat_exp, quat_inverse, quat_log, quat_multiply, quat_rotate
 from pbd.simulation.simulate import simulate
 from pbd.simulation.tasks import random_task
 from pbd.tracking.estimate import estimate

@@ -7,15 +7,7 @@ import pytest
 
 from pbd.data import HandPath, Recording, SensorErrors
 from pbd.pipeline import track
-from pbd.pose import (
-    quat_about_z,
-    quat_from_rpy,
-    quat_inverse,
-    quat_multiply,
-    quat_rotate,
-    quat_to_rpy,
-    yaw_toward,
-)
+from pbd.pose import quat_about_z, quat_from_rpy, quat_inverse, quat_multiply, quat_rotate, quat_to_rpy, yaw_toward
 from pbd.simulation.sensor_model import SensorModel
 from pbd.simulation.simulate import random_task
 from pbd.tracking.first_rest import Rest
@@ -24,15 +16,7 @@ from pbd.tracking.noise import Noise, noise_of
 from tests.near import assert_near
 from tests.not_none import not_none
 from tests.scenarios import simulate
-from tests.tracking.perfect_sensor import (
-    RATE_HZ,
-    bound,
-    hand,
-    largest_angle,
-    middle,
-    perfect,
-    with_and_without_north,
-)
+from tests.tracking.perfect_sensor import RATE_HZ, bound, hand, largest_angle, middle, perfect, with_and_without_north
 from tests.tracking.track_or_refuse import every_method
 
 

@@ -15,13 +15,7 @@ from pbd.errors import RobotError
 from pbd.pose import Array, Pose
 from tests.arm.bundled import KINDS, arm_of
 from tests.arm.collision.simple_robot import simple
-from tests.arm.collision_oracles import (
-    coordinates,
-    hull_distance,
-    links_touching,
-    links_watched,
-    raw_meshes,
-)
+from tests.arm.collision_oracles import coordinates, hull_distance, links_touching, links_watched, raw_meshes
 
 
 @pytest.fixture

@@ -8,17 +8,7 @@ import pytest
 from pbd.arm.choose_motion import choose_motion
 from pbd.arm.ik import cartesian
 from pbd.arm.ik.branches import find_branches
-from pbd.arm.ik.cartesian import (
-    LEAP_RAD,
-    OFF_M,
-    OFF_RAD,
-    SPACING_M,
-    SPACING_RAD,
-    follow,
-    keep_on_path,
-    line,
-    refine,
-)
+from pbd.arm.ik.cartesian import LEAP_RAD, OFF_M, OFF_RAD, SPACING_M, SPACING_RAD, follow, keep_on_path, line, refine
 from pbd.arm.ik.closed_form import flipped_elbow
 from pbd.arm.ik.levenberg_marquardt import Residual
 from pbd.arm.ik.partial_pose import is_partial
