@@ -203,7 +203,7 @@ def vibrating(
     return damage
 
 
-def tapped(size: float, limit: float = np.inf) -> Damage:
+def knocked(size: float, limit: float = np.inf) -> Damage:
     """Once a second something taps the hand, which rings at 20 to 60 Hz and is back within 0.2 s.
 
     A tap accelerates the hand by up to `size` m/s2. Samples are means, of a sensor whose range is `limit` m/s2.
@@ -448,7 +448,7 @@ def turned(demo: Demonstration, by: Array) -> Demonstration:
     return replace(demo, recording=replace(recording, **changes), truth=Truth(truth.t, truth.p_nav_sensor, wxyz))
 
 
-def trembling(size_m: float, size_rad: float) -> Damage:
+def with_sine_tremor(size_m: float, size_rad: float) -> Damage:
     """Tremor of 8 to 12 Hz from start to end, too small to change where the hand stops."""
 
     def damage(demo: Demonstration, rng: np.random.Generator) -> Demonstration:

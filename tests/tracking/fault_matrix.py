@@ -166,12 +166,12 @@ def faults() -> tuple[Fault, ...]:
         found.append(Fault("vibration on and off", f"{size} m/s2", shaking))
     for size, g in ((20.0, np.inf), (80.0, np.inf), (80.0, 2.0), (80.0, 4.0)):
         variant = f"{size:.0f} m/s2" + f", range {g:.0f} g" * (g < np.inf)
-        found.append(Fault("taps", variant, d.tapped(size, g * GRAVITY)))
+        found.append(Fault("taps", variant, d.knocked(size, g * GRAVITY)))
     for size in (1.0, 5.0, 20.0):
         found.append(Fault("noise burst", f"acc {size} m/s2", d.noisy("acc", size, 0.5)))
         found.append(Fault("noise burst", f"gyr {0.2 * size:g} rad/s", d.noisy("gyr", 0.2 * size, 0.5)))
     for mm, deg in ((0.1, 0.1), (0.3, 0.3), (1.0, 1.0)):
-        found.append(Fault("tremor", f"{mm} mm {deg} deg", d.trembling(1e-3 * mm, np.radians(deg))))
+        found.append(Fault("tremor", f"{mm} mm {deg} deg", d.with_sine_tremor(1e-3 * mm, np.radians(deg))))
     for deg in (5.0, 20.0, 60.0):
         for seconds in (0.1, 0.3):
             slip = d.slipping(np.radians(deg), seconds)
