@@ -322,14 +322,28 @@ def test_a_clipped_turn_is_told_with_its_stop() -> None:
     assert flaws == [*4 * [()], ("the gyro was at the end of its range; move slower, or set a larger range",)]
 
 
-def test_a_knock_at_an_unknown_time_leaves_velocity_and_position_uncertain() -> None:
-    rest = find_rest(poured_at_first())
+def test_a_knock_or_a_wrong_turn_at_an_unknown_time_leaves_its_motion_uncertain() -> None:
+    rest, since = find_rest(poured_at_first()), np.linspace(0.0, 0.6, 1001)
     kalman = ErrorStateFilter(noise_of(poured_at_first(), rest), rest, np.eye(3), None, no_gyro=False)
-    before = kalman.P
-    kalman.add_velocity_error(0.6, 0.2)
-    since = np.linspace(0.0, 0.6, 1001)
-    error = 0.2 * np.vstack((np.ones(1001), since))  # of velocity and position, for a knock at each of these times
-    np.testing.assert_allclose((kalman.P - before)[3:9, 3:9], np.kron(error @ error.T / 1001, np.eye(3)), atol=1e-5)
+    before, g = kalman.P, kalman.gravity
+    kalman.add_knock_or_wrong_turn(0.6, 0.2)
+    added = (kalman.P - before)[:9, :9]
+    turn = np.sqrt(added[0, 0]) * np.vstack((since**0, -g * since, -g * since**2 / 2))  # about x: it falls along -y
+    knock = 0.2 * np.vstack((0.0 * since, since**0, since))
+    by_knock, by_turn = (error @ error.T / 1001 for error in (knock, turn))
+    assert by_turn[1, 1] == pytest.approx(0.2**2, rel=2e-3)  # either explains the velocity
+    x_y, upright = np.ix_((0, 4, 7), (0, 4, 7)), np.ix_((2, 5, 8), (2, 5, 8))
+    np.testing.assert_allclose(added[x_y], by_knock + by_turn, atol=1e-4)
+    np.testing.assert_allclose(added[upright], by_knock + np.diag((added[0, 0], 0.0, 0.0)), atol=1e-4)
+
+
+def test_after_a_wrong_turn_a_hand_that_holds_still_has_stopped() -> None:
+    """The filter took a part of gravity for motion from then on, and never found a stop again."""
+    stops = tuple(replace(waypoint, rest_s=3.0) for waypoint in TASKS["pour"].waypoints[:4])
+    recording = simulate(replace(TASKS["pour"], waypoints=stops), "modern", 2).recording
+    gyr, wrong = known(recording.gyr).copy(), (recording.t > 3.3) & (recording.t < 3.4)
+    gyr[wrong] += (0.5, -0.5, 0.2)  # rad/s: four degrees
+    assert len(fed(replace(recording, gyr=gyr))[0].stops) == 4
 
 
 @pytest.mark.parametrize("stronger", [1.0, 1.1])

@@ -10,6 +10,7 @@ left, in nav.
 from __future__ import annotations
 
 from copy import copy
+from math import sqrt
 
 import numpy as np
 
@@ -49,6 +50,9 @@ H_POS = IDENTITY[POS]
 H_SHIFT = IDENTITY[POS] - IDENTITY[KNOT_POS]
 H_MOTION = np.vstack((H_SHIFT, IDENTITY[ROT] - IDENTITY[KNOT_ROT]))
 """Measurement matrices: position; shift since the last knot; shift and turn since that knot."""
+
+GAUSS_LEGENDRE = ((5 / 18, 0.5 - sqrt(0.15)), (8 / 18, 0.5), (5 / 18, 0.5 + sqrt(0.15)))
+"""Weights and nodes of three-point quadrature on [0, 1], exact for polynomials up to the fifth power."""
 
 BIASES = np.arange(STATES)[SENSOR_ERRORS][np.r_[GYR_BIAS, ACC_BIAS]]
 
@@ -212,13 +216,18 @@ class ErrorStateFilter:
             P[known], P[:, known] = 0.0, 0.0
         self.P = P
 
-    def add_velocity_error(self, duration: float, speed: float) -> None:
-        """Allow for a velocity error of `speed` m/s that arose in the last `duration` s: a knock, or a wrong turn."""
-        one, P = np.eye(3), self.P.copy()
-        P[VEL, VEL] += speed**2 * one
-        P[POS, VEL] += 0.5 * speed**2 * duration * one
-        P[VEL, POS] += 0.5 * speed**2 * duration * one
-        P[POS, POS] += speed**2 * duration**2 / 3.0 * one
+    def add_knock_or_wrong_turn(self, duration: float, speed: float) -> None:
+        """Allow for either at an unknown time in the last `duration` s; each leaves `speed` m/s rms.
+
+        A wrong turn tilts gravity, and so the velocity error grows from then on.
+        """
+        P, one, tilted = self.P.copy(), np.eye(3), -self.gravity * skew(UP)
+        turn = sqrt(3.0) * speed / (self.gravity * duration)
+        for weight, share in GAUSS_LEGENDRE:
+            since = share * duration
+            knocked = speed * np.vstack((0.0 * one, one, since * one))
+            turned = turn * np.vstack((one, since * tilted, 0.5 * since**2 * tilted))
+            P[:9, :9] += weight * (knocked @ knocked.T + turned @ turned.T)
         self.P = P
 
     def sigma_if_stopped(self, sigma: float) -> tuple[float, float]:

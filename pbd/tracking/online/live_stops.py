@@ -237,7 +237,7 @@ class LiveHand:
             soon = sample.t - last.t < SHORTEST_MOVE_S + 2.0 * ENERGY_WINDOW_S and speed < ENERGY_WINDOW_S * self._peak
             trial = StopTrial(first, off > VELOCITY_GATE, off > VELOCITY_GATE and soon)
             if trial.doubted:
-                self._trial_filter.add_velocity_error(sample.t - last.t, speed)
+                self._trial_filter.add_knock_or_wrong_turn(sample.t - last.t, speed)
             self._add_knot(self._trial_filter, sample.t, same=trial.jolted, robust=False)
             off = 0.0
         self._trial = trial = replace(trial, worst=max(trial.worst, off))
