@@ -343,7 +343,11 @@ def test_after_a_wrong_turn_a_hand_that_holds_still_has_stopped() -> None:
     recording = simulate(replace(TASKS["pour"], waypoints=stops), "modern", 2).recording
     gyr, wrong = known(recording.gyr).copy(), (recording.t > 3.3) & (recording.t < 3.4)
     gyr[wrong] += (0.5, -0.5, 0.2)  # rad/s: four degrees
-    assert len(fed(replace(recording, gyr=gyr))[0].stops) == 4
+    tracker, events = fed(replace(recording, gyr=gyr))
+    assert len(tracker.stops) == 4
+    (flaw,) = (event for event in events if isinstance(event, DataFlaw))
+    assert flaw.message.startswith("no motion fits the data from ")
+    assert [event.flaws for event in began(events) if event.flaws] == [(flaw.message,)]
 
 
 @pytest.mark.parametrize("stronger", [1.0, 1.1])

@@ -13,7 +13,7 @@ from pbd.tracking.estimate import BOUNCE_M, BOUNCE_RAD, BOUNCE_S, is_where_it_wa
 from pbd.tracking.first_rest import REST_S, STILL_ACC, Rest
 from pbd.tracking.moving_windows import PASSES, rows_of_mean
 from pbd.tracking.noise import Noise
-from pbd.tracking.online.events import LiveEvent, StopBegan, StopEnded
+from pbd.tracking.online.events import DataFlaw, LiveEvent, StopBegan, StopEnded
 from pbd.tracking.online.filter import ErrorStateFilter
 from pbd.tracking.online.sample_repair import RepairedSample
 from pbd.tracking.online.strapdown import Strapdown
@@ -244,12 +244,12 @@ class LiveHand:
         if_doubted = CONFIRM_NO_GYRO_S if self._no_gyro else CONFIRM_DOUBTED_S
         lasts = if_doubted if trial.doubted and not trial.jolted else CONFIRM_S
         if sample.t - trial.first.t >= lasts - 1e-6:
-            return [self._begin_stop(trial, sample)]
+            return self._begin_stop(trial, sample)
         if self._trial_filter is not None and self._knot_is_due(sample):
             self._add_knot(self._trial_filter, sample.t, same=True)
         return []
 
-    def _begin_stop(self, trial: StopTrial, sample: RepairedSample) -> StopBegan:
+    def _begin_stop(self, trial: StopTrial, sample: RepairedSample) -> list[LiveEvent]:
         """Accept the hypothesis: a stop."""
         self._trial, self.still, self._settled = None, True, trial.doubted or trial.worst < 3.0
         if self._settled and self._trial_filter is not None:
@@ -266,11 +266,18 @@ class LiveHand:
         if (trial.jolted or knocked or bounced) and moved < BOUNCE_M and turned < BOUNCE_RAD:
             self._past_stops.pop()
             first = first if bounced else before.first
+        wrong = []
         if self._strapdown.clipped:
-            self.flaws.append("the gyro was at the end of its range; move slower, or set a larger range")
+            wrong.append("the gyro was at the end of its range; move slower, or set a larger range")
             self._strapdown.clipped = False
+        elif trial.doubted and not (trial.jolted or self._no_gyro):
+            wrong.append(
+                f"no motion fits the data from {before.last.t:.1f} to {trial.first.t:.1f} s: samples are lost or wrong "
+                "there, and stops may be missing; record again"
+            )
+        self.flaws += wrong
         self._stop = LiveStop(first, sample, *self._trial_filter.pose())
-        return self.current_stop(sample.t)
+        return [*(DataFlaw(before.last.t, each) for each in wrong), self.current_stop(sample.t)]
 
     def current_stop(self, t: float) -> StopBegan:
         """The present stop, as an event at `t` s."""
