@@ -341,7 +341,7 @@ def test_after_a_wrong_turn_a_hand_that_holds_still_has_stopped() -> None:
     """The filter took a part of gravity for motion from then on, and never found a stop again."""
     stops = tuple(replace(waypoint, rest_s=3.0) for waypoint in TASKS["pour"].waypoints[:4])
     recording = simulate(replace(TASKS["pour"], waypoints=stops), "modern", 2).recording
-    gyr, wrong = known(recording.gyr).copy(), (recording.t > 3.3) & (recording.t < 3.4)
+    gyr, wrong = not_none(recording.gyr).copy(), (recording.t > 3.3) & (recording.t < 3.4)
     gyr[wrong] += (0.5, -0.5, 0.2)  # rad/s: four degrees
     tracker, events = fed(replace(recording, gyr=gyr))
     assert len(tracker.stops) == 4
