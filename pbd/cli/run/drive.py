@@ -61,7 +61,7 @@ def drive_arm(args: argparse.Namespace, robot: Robot) -> int:
                         keys.ask(f"{way} Enter starts it; any other key cancels.")
                 now = arm.state()
                 by = np.degrees(np.abs(encoders.to_joints(now.counts) - encoders.to_joints(before.counts)).max())
-                if by > 2.0:
+                if by > 2.0:  # degrees
                     what = f"the arm was moved by {by:.1f} degrees since it was measured"
                     raise SensorError(f"{what}, so the motion doesn't begin there: run it again")
                 t, goals = sample_goals(encoders, plan.trajectory, now, args.rate)

@@ -31,7 +31,7 @@ def samples(request: ExportRequest) -> Samples:
         grid = np.arange(1, int(trajectory.duration * rate_hz) + 1) / rate_hz
         after = np.searchsorted(t, grid).clip(1, len(t) - 1)
         off = np.minimum(np.abs(grid - t[after - 1]), np.abs(t[after] - grid))
-        # Samples near a knot are left out.
+        # A sample within a quarter of the interval of a knot is left out.
         t = np.sort(np.append(t, grid[off >= max(0.25 / rate_hz, LEAST_GAP_S)]))
     exact, rounded = trajectory.at(t), np.round(1e9 * t) / 1e9
     # Velocities at rest must be exactly zero: the controller refuses any other final one, and small ones would add up.
