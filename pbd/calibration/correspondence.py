@@ -69,7 +69,7 @@ def match_points(p_nav_tip: Array, sigma: Array, points: Array, in_order: bool, 
     if in_order and not exchanged:
         if cost <= bound:
             touched = list(best[0].stops)
-            _warn_of_other_orders(p_nav_tip[touched], sigma[touched], points)
+            _warn_of_other_orders(p_nav_tip[touched], sigma[touched], points, bound)
         if n == m:
             return tuple(range(m))
     alike = []
@@ -82,7 +82,7 @@ def match_points(p_nav_tip: Array, sigma: Array, points: Array, in_order: bool, 
     if exchanged:
         rows = " and ".join(f"{k + 1}" for k in exchanged)
         warn(f"rows {rows} of the points fit if they were touched in each other's place, so they are exchanged")
-        _warn_of_other_orders(p_nav_tip[list(stops)], sigma[list(stops)], points)
+        _warn_of_other_orders(p_nav_tip[list(stops)], sigma[list(stops)], points, bound)
         return stops
     if cost > bound:
         raise CalibrationError(
@@ -118,10 +118,10 @@ def _rival(match: _Match, others: list[_Match]) -> _Match | None:
     return None
 
 
-def _warn_of_other_orders(p: Array, sigma: Array, points: Array) -> None:
+def _warn_of_other_orders(p: Array, sigma: Array, points: Array, bound: float) -> None:
     """Warn if the points, touched in their order by stops (m, 3), fit in another order as well, as a square's corners.
 
-    Such a pose puts two stops on the two points that are farthest apart.
+    Such a pose puts two stops on the two points that are farthest apart. `bound` is the largest cost of a fit.
     """
     given = p, sigma, points, False
     apart = lengths((points[:, None] - points[None])[..., :2])
@@ -129,7 +129,7 @@ def _warn_of_other_orders(p: Array, sigma: Array, points: Array) -> None:
     poses = _hypotheses(p, sigma, points[ends], in_order=False, free=False)
     found = [_refined(_assign(pose, *given), *given, free=False) for pose in poses]
     in_order = next((match for match in found if list(match.stops) == sorted(match.stops)), None)
-    if in_order and (other := _rival(in_order, found)):
+    if in_order and in_order.cost <= bound and (other := _rival(in_order, found)):
         rows = listed(f"{other.stops.index(k) + 1}" for k in range(len(points)))
         warn(
             f"the points fit in another order too (rows {rows}), so a wrong order does not show; check it, or touch "
