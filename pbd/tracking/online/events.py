@@ -23,14 +23,12 @@ class StopBegan:
         t: s, when the stop began.
         announced_t: s, time of the sample that gave this event.
         keyframe: the stop so far: time, dwell and pose.
-        flaws: what was wrong with the data since the stop before, one line each.
     """
 
     index: int
     t: float
     announced_t: float
     keyframe: Keyframe
-    flaws: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)

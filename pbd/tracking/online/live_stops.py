@@ -76,7 +76,6 @@ class LiveHand:
         self, samples: Sequence[RepairedSample], interval: float, rest: Rest, noise: Noise, has_gyro: bool
     ) -> None:
         """Begin with the samples of the first rest."""
-        self.flaws: list[str] = []
         self._no_gyro = not has_gyro
         bias = rest.gyro_bias if has_gyro else np.zeros(3)
         self._strapdown = Strapdown(samples[0], interval, noise, bias, self._no_gyro)
@@ -275,14 +274,13 @@ class LiveHand:
                 f"no motion fits the data from {before.last.t:.1f} to {trial.first.t:.1f} s: samples are lost or wrong "
                 "there, and stops may be missing; record again"
             )
-        self.flaws += wrong
         self._stop = LiveStop(first, sample, *self._trial_filter.pose())
         return [*(DataFlaw(before.last.t, each) for each in wrong), self.current_stop(sample.t)]
 
     def current_stop(self, t: float) -> StopBegan:
         """The present stop, as an event at `t` s."""
-        stop, flaws, self.flaws = self.stops[-1], tuple(self.flaws), []
-        return StopBegan(len(self.stops) - 1, stop.first.t, t, stop.keyframe, flaws)
+        stop = self.stops[-1]
+        return StopBegan(len(self.stops) - 1, stop.first.t, t, stop.keyframe)
 
     @property
     def stops(self) -> tuple[LiveStop, ...]:

@@ -114,8 +114,6 @@ class LiveTracker:
         turn = np.full(3, np.nan) if gyr is None else gyr
         samples, wrong = self._repair.take(t, acc, turn if self._has_gyro else None, mag, device_rpy)
         events: list[LiveEvent] = [DataFlaw(t if before is None else before.t, each) for each in wrong]
-        if self._hand is not None:
-            self._hand.flaws += wrong
         for sample in samples:
             if self._hand is not None:
                 events += (news := self._hand.advance(sample))

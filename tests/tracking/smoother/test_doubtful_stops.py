@@ -42,7 +42,7 @@ def test_a_stop_that_is_doubted_too_much_is_left_out() -> None:
 
 
 def test_between_two_taps_the_middle_of_a_slow_move_is_no_stop() -> None:
-    """Each tap hides how fast the hand is. False stops drew keyframes 28 cm away, with a sigma of 5 cm."""
+    """Each tap hides how fast the hand is."""
     found = outcome(Case(named("taps", "80 m/s2"), "pour", "modern", 10))
     assert found.verdict == SILENT_RIGHT
     assert found.error_m < 0.01
