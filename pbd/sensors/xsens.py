@@ -21,11 +21,11 @@ has the latest ones, if they are at most 0.2 s old. The sample time wraps every 
 """
 
 import re
-from collections.abc import Callable
-from math import atan2, hypot, isfinite, nan, pi, radians
+from math import atan2, hypot, isfinite, nan, pi
 from struct import Struct
 from typing import Any
 
+from pbd.data.units import DEG
 from pbd.sensors.attitude import from_north_east_down, from_north_west_up, rpy_from_quaternion, wrap_angle
 from pbd.sensors.decoding import PacketDecoder, Sample, Triple, WrappingClock, scaled
 
@@ -38,69 +38,15 @@ MAX_AGE_TICKS = TICKS_HZ // 5
 ENU, NED, NWU = 0x0, 0x4, 0x8
 """Bits of an identifier that name the frame of an attitude."""
 
-_HEAD = Struct(">HB").unpack_from
-Unpack = Callable[[bytes, int], tuple[float, ...]]
-
-
-def _fixed_12_20(count: int) -> Unpack:
-    layout = Struct(f">{count}i")
-    return lambda data, at: tuple(raw * 2.0**-20 for raw in layout.unpack_from(data, at))
-
-
-def _fixed_16_32(count: int) -> Unpack:
-    """Read uint32 fractions of 2^-32, each followed by the int16 of the integer part."""
-    layout = Struct(">" + "Ih" * count)
-
-    def read(data: bytes, at: int) -> tuple[float, ...]:
-        raw = layout.unpack_from(data, at)
-        return tuple(whole + fraction * 2.0**-32 for fraction, whole in zip(raw[::2], raw[1::2], strict=True))
-
-    return read
-
-
-def _attitude(read: Unpack, count: int, frame: int) -> Unpack:
-    """Read a quaternion, or angles in deg, in any of the three frames as roll, pitch and yaw in east-north-up, rad."""
-
-    def read_attitude(data: bytes, at: int) -> tuple[float, ...]:
-        numbers = read(data, at)
-        if count == 3:
-            rpy = radians(numbers[0]), radians(numbers[1]), radians(numbers[2])
-        elif any(numbers):
-            w, x, y, z = numbers
-            rpy = rpy_from_quaternion(w, x, y, z)
-        else:
-            return (nan,)  # a zero quaternion is no rotation
-        if frame == NED:  # only the earth's frame is rotated, not the sensor's: undo half a turn of roll
-            roll, pitch, yaw = from_north_east_down(rpy)
-            return wrap_angle(roll + pi), pitch, yaw
-        return from_north_west_up(rpy) if frame == NWU else rpy
-
-    return read_attitude
-
-
-def _items() -> dict[int, tuple[str, int, Unpack]]:
-    """Return identifier -> the quantity, the number of data bytes, and the function that reads them."""
-    items: dict[int, tuple[str, int, Unpack]] = {
-        0x1020: ("counter", 2, Struct(">H").unpack_from),
-        0x1060: ("ticks", 4, Struct(">I").unpack_from),
-    }
-    vectors = {0x4010: ("dv", 3), 0x4020: ("acc", 3), 0x8020: ("gyr", 3), 0x8030: ("dq", 4), 0xC020: ("mag", 3)}
-    for precision, size, reader in (
-        (0, 4, lambda count: Struct(f">{count}f").unpack_from),
-        (1, 4, _fixed_12_20),
-        (2, 6, _fixed_16_32),
-        (3, 8, lambda count: Struct(f">{count}d").unpack_from),
-    ):
-        for identifier, (what, count) in vectors.items():
-            items[identifier | precision] = (what, size * count, reader(count))
-        for identifier, count in ((0x2010, 4), (0x2030, 3)):
-            for frame in (ENU, NED, NWU):
-                read = _attitude(reader(count), count, frame)
-                items[identifier | precision | frame] = ("rpy", size * count, read)
-    return items
-
-
-ITEMS = _items()
+_VALUES = {0x4010: ("dv", 3), 0x4020: ("acc", 3), 0x8020: ("gyr", 3), 0x8030: ("dq", 4), 0xC020: ("mag", 3)}
+_VALUES |= {0x2010 | frame: ("rpy", 4) for frame in (ENU, NED, NWU)}
+_VALUES |= {0x2030 | frame: ("rpy", 3) for frame in (ENU, NED, NWU)}
+ITEMS = {0x1020: ("counter", Struct(">H")), 0x1060: ("ticks", Struct(">I"))} | {
+    identifier | precision: (what, Struct(">" + count * code))
+    for precision, code in enumerate(("f", "i", "Ih", "d"))
+    for identifier, (what, count) in _VALUES.items()
+}
+"""Identifier -> the quantity, and its numbers on the wire. A fixed 16.32 is a uint32 fraction, then an int16."""
 
 
 class XsensDecoder(PacketDecoder):
@@ -190,13 +136,29 @@ def _read_items(payload: bytes) -> dict[str, Any] | None:
     found: dict[str, Any] = {}
     at, end, total = 0, len(payload), 0.0
     while at + 3 <= end:
-        identifier, size = _HEAD(payload, at)
+        identifier, size = int.from_bytes(payload[at : at + 2]), payload[at + 2]
         at += 3
         if identifier in ITEMS:
-            what, expected, read = ITEMS[identifier]
-            if size != expected or at + size > end:
+            what, layout = ITEMS[identifier]
+            if size != layout.size or at + size > end:
                 return None
-            found[what] = numbers = read(payload, at)
+            numbers = layout.unpack_from(payload, at)
+            if identifier & 3 == 1:
+                numbers = tuple(raw * 2.0**-20 for raw in numbers)
+            elif identifier & 3 == 2:
+                numbers = tuple(n + part * 2.0**-32 for part, n in zip(numbers[::2], numbers[1::2], strict=True))
+            found[what] = numbers = _attitude(numbers, identifier & 0xC) if what == "rpy" else numbers
             total += sum(numbers)
         at += size
     return found if at == end and isfinite(total) else None
+
+
+def _attitude(numbers: tuple[float, ...], frame: int) -> tuple[float, ...]:
+    """Convert a quaternion, or angles in deg, in any of the three frames to roll, pitch, yaw in east-north-up, rad."""
+    if not any(numbers) and len(numbers) == 4:
+        return (nan,)  # a zero quaternion is no rotation
+    rpy = scaled(numbers, DEG) if len(numbers) == 3 else rpy_from_quaternion(*numbers)
+    if frame == NED:  # only the earth's frame is rotated, not the sensor's: undo half a turn of roll
+        roll, pitch, yaw = from_north_east_down(rpy)
+        return wrap_angle(roll + pi), pitch, yaw
+    return from_north_west_up(rpy) if frame == NWU else rpy
