@@ -57,7 +57,7 @@ WRONG: dict[str, Callable[[Any], object]] = {
     "the robot must be a name or a path, got None": lambda _: pbd.load_robot(cast(str, None)),
     "Recording.gyr must be an array of numbers, got 'tea'": lambda name: Recording(STILL.t, STILL.acc, name),
     "Recording.acc must be an array of numbers, got None": lambda _: Recording(STILL.t, cast(Array, None)),
-    "Place.t must be a tuple of instants, s, got 'tea'": Place,
+    "Place.t must be a tuple of float, got 'tea'": Place,
     "speed must be a number, got 'tea'": lambda name: pbd.PlanOptions(speed=name),
     "speed must be a number, got None": lambda _: pbd.PlanOptions(speed=cast(float, None)),
     "detour must be True or False, got 'tea'": lambda name: pbd.PlanOptions(detour=name),

@@ -1,12 +1,9 @@
 """What a person knows about the stops, and how well the data agree."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from math import isfinite
 
-import numpy as np
-
-from pbd.errors import UsageError, is_number, require_kind
+from pbd.data.field_checks import freeze_tuples, require_finite
+from pbd.errors import UsageError, require_kind
 
 
 @dataclass(frozen=True)
@@ -28,15 +25,16 @@ class Place:
     sigma_m: float | None = None
 
     def __post_init__(self) -> None:
-        require_kind("Place.t", self.t, "a tuple of instants, s", _are_finite(self.t))
+        freeze_tuples(self, t=float)
         if self.p_base_tool is not None:
-            three = _are_finite(self.p_base_tool) and len(self.p_base_tool) == 3
-            require_kind("Place.p_base_tool", self.p_base_tool, "three numbers, m", three)
+            freeze_tuples(self, p_base_tool=float)
+            require_kind("Place.p_base_tool", self.p_base_tool, "three numbers, m", len(self.p_base_tool) == 3)
+        require_finite(self, "t", "p_base_tool")
+        require_finite(self, "sigma_m", above=0.0)
         if len(self.t) < (2 if self.p_base_tool is None else 1):
             raise UsageError("Place must name at least two stops, or one and a p_base_tool")
         if len(set(self.t)) < len(self.t):
             raise UsageError("Place must name each stop once")
-        _refuse_sigma(self)
 
 
 @dataclass(frozen=True)
@@ -59,25 +57,12 @@ class Contact:
     sigma_m: float | None = None
 
     def __post_init__(self) -> None:
-        require_kind("Contact.t", self.t, "an instant, s", _are_finite([self.t]))
-        require_kind("Contact.as_at", self.as_at, "an instant, s", self.as_at is None or _are_finite([self.as_at]))
-        require_kind("Contact.height", self.height, "a height, m", self.height is None or _are_finite([self.height]))
+        require_finite(self, "t", "as_at", "height")
+        require_finite(self, "sigma_m", above=0.0)
         if self.as_at is not None and self.height is not None:
             raise UsageError("Contact takes as_at or height, not both")
         if self.as_at == self.t:
             raise UsageError("Contact.t and as_at must be two stops")
-        _refuse_sigma(self)
-
-
-def _are_finite(values: object) -> bool:
-    if not isinstance(values, Sequence | np.ndarray):
-        return False
-    return all(is_number(value) and isfinite(value) for value in values)
-
-
-def _refuse_sigma(claim: Place | Contact) -> None:
-    if claim.sigma_m is not None and not (is_number(claim.sigma_m) and claim.sigma_m > 0.0):
-        raise UsageError(f"{type(claim).__name__} must have a sigma_m above zero, got {claim.sigma_m!r}")
 
 
 @dataclass(frozen=True)

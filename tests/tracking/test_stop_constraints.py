@@ -13,7 +13,7 @@ from pbd.calibration.tool_poses import KeyframesInBase, tool_poses
 from pbd.data import Calibration, Contact, Known, Place
 from pbd.data.calibration import DOCK_SIGMA_M, DOCK_SIGMA_RAD
 from pbd.data.covariance import PoseCovariance
-from pbd.errors import PbdWarning, TrackingError, UsageError, WrongTypeError
+from pbd.errors import PbdWarning, TrackingError, UsageError
 from pbd.pose import Array, Pose, quat_about_z, quat_exp, quat_multiply, quat_rotate
 from pbd.tracking.apply_constraints import apply_constraints, measurement_of
 from pbd.tracking.keyframes import find_keyframes
@@ -347,9 +347,9 @@ def test_what_makes_no_sense_is_no_value() -> None:
         with pytest.raises(UsageError, match="Place must name"):
             Place(times)
     for sigma in (0.0, -1.0, float("nan")):
-        with pytest.raises(UsageError, match="Place must have a sigma_m"):
+        with pytest.raises(UsageError, match=r"Place\.sigma_m must be above 0"):
             Place((1.0, 2.0), sigma_m=sigma)
-        with pytest.raises(UsageError, match="Contact must have a sigma_m"):
+        with pytest.raises(UsageError, match=r"Contact\.sigma_m must be above 0"):
             Contact(1.0, sigma_m=sigma)
     with pytest.raises(UsageError, match="as_at or height, not both"):
         Contact(1.0, as_at=2.0, height=0.0)
@@ -361,11 +361,11 @@ def test_a_claim_whose_values_are_no_numbers_is_refused() -> None:
     """An instant that is NaN was taken for stop 0."""
     nan = float("nan")
     for times in (3.0, (nan, 12.2), "34", ("a", "b")):
-        with pytest.raises(WrongTypeError, match=r"^Place\.t must be a tuple of instants, s, got "):
+        with pytest.raises(UsageError, match=r"^Place\.t must be "):
             Place(cast(tuple[float, ...], times))
     for place in ((0.4, nan, 0.1), (0.4, 0.1), 0.4):
-        with pytest.raises(WrongTypeError, match=r"^Place\.p_base_tool must be three numbers, m, got "):
+        with pytest.raises(UsageError, match=r"^Place\.p_base_tool must be "):
             Place((3.0,), cast(tuple[float, float, float], place))
     for values in ({"t": nan}, {"t": 1.0, "as_at": nan}, {"t": 1.0, "height": nan}):
-        with pytest.raises(WrongTypeError, match=rf"^Contact\.{list(values)[-1]} must be "):
+        with pytest.raises(UsageError, match=rf"^Contact\.{list(values)[-1]} must be "):
             Contact(**cast(dict[str, Any], values))
