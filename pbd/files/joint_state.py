@@ -17,9 +17,6 @@ from pbd.io.read_file import read_text
 NAME, POSITION = "name", "position"
 """The fields of a sensor_msgs/JointState that are read. Its positions are in rad, or m for sliding joints."""
 
-LARGEST_POSITION = 1e6
-"""Largest magnitude of a joint position, in any unit: 2700 turns in degrees, a kilometre in mm."""
-
 
 def read_joints(
     given: str, names: Sequence[str], unit: str = "rad", per_si: Sequence[float] | None = None
@@ -54,7 +51,8 @@ def read_joints(
         if missing := [name for name in names if name not in value]:
             raise fault(f"{what}: lacks {listed(missing)}; give a number, in {unit}, for each joint of the arm")
         value = [value[name] for name in names]
-    are_numbers = isinstance(value, list) and all(is_number(each) and abs(each) <= LARGEST_POSITION for each in value)
+    # 1e6: 2700 turns in degrees, a kilometre in mm.
+    are_numbers = isinstance(value, list) and all(is_number(each) and abs(each) <= 1e6 for each in value)
     if not are_numbers or len(value) != len(names):
         raise fault(f"{what}: needs {len(names)} numbers, in {unit}, for {listed(names)}; got {printable(text)}")
     return tuple(float(each) / per for each, per in zip(value, per_si or [1.0] * len(names), strict=True))

@@ -4,9 +4,6 @@ from math import asin, atan2, copysign, pi, remainder
 
 from pbd.sensors.decoding import Triple
 
-SINGULAR_SINE = 1.0 - 1e-14
-"""Sine of the pitch above which the attitude counts as gimbal lock, as in `pbd.pose.quat_to_rpy` for arrays."""
-
 
 def wrap_angle(angle: float) -> float:
     """Wrap an angle to -pi..pi, rad."""
@@ -17,7 +14,7 @@ def rpy_from_quaternion(w: float, x: float, y: float, z: float) -> Triple:
     """Convert a quaternion of any length above zero to roll, pitch, yaw in rad, as `pbd.pose.quat_to_rpy` does."""
     ww, xx, yy, zz = w * w, x * x, y * y, z * z
     sine = 2.0 * (w * y - z * x) / (ww + xx + yy + zz)
-    if abs(sine) > SINGULAR_SINE:  # gimbal lock: roll and yaw are about the same axis, so yaw is set to zero
+    if abs(sine) > 1.0 - 1e-14:  # gimbal lock: roll and yaw are about the same axis, so yaw is set to zero
         return 2.0 * atan2(x, w), copysign(pi / 2.0, sine), 0.0
     roll = atan2(2.0 * (w * x + y * z), ww - xx - yy + zz)
     return roll, asin(sine), atan2(2.0 * (w * z + x * y), ww + xx - yy - zz)

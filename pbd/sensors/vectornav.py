@@ -28,9 +28,6 @@ from pbd.sensors.decoding import PacketDecoder, Sample, Triple, scaled
 LONGEST_LINE = 256
 """Longest sentence, bytes."""
 
-YPR_LIMITS = 180.01, 90.01, 180.01
-"""Largest yaw, pitch and roll, degrees."""
-
 SENTENCES: dict[bytes, tuple[int, dict[str, int]]] = {
     b"YMR": (12, {"ypr": 0, "mag": 3, "acc": 6, "gyr": 9}),
     b"MAR": (9, {"mag": 0, "acc": 3, "gyr": 6}),
@@ -108,7 +105,8 @@ class VectorNavDecoder(PacketDecoder):
             texts = _FIELDS.fullmatch(fields)
             numbers = tuple(map(float, texts[1].split(b",")[1:])) if texts else ()
             # An XOR does not notice bytes that came twice, so the values are checked as well.
-            if len(numbers) != count or ("ypr" in offsets and not all(map(le, map(abs, numbers), YPR_LIMITS))):
+            impossible = "ypr" in offsets and not all(map(le, map(abs, numbers), (180.01, 90.01, 180.01)))  # deg
+            if len(numbers) != count or impossible:
                 self.tally.bad_packets += 1
             elif not (is_answer := header.startswith(b"RRG")) or not self._streams:
                 self._streams |= not is_answer

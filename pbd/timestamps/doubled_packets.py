@@ -11,9 +11,6 @@ from pbd.timestamps.straighten import WITHIN_BATCH
 MAX_LIKELIHOOD_RATIO = 1e-5
 """Largest ratio of the likelihoods of repeated readings and of packets that came twice, if the latter are believed."""
 
-LONG_SPANS = 4.0
-"""A time between two batches above this multiple of the mean is a gap or a stall, and tells nothing."""
-
 
 def came_twice(arrival: Array, repeats: NDArray[np.bool_]) -> bool:
     """Whether the samples (n,) that repeat all readings of the one before are packets that came twice; arrival (n,) s.
@@ -29,7 +26,7 @@ def came_twice(arrival: Array, repeats: NDArray[np.bool_]) -> bool:
     if len(ends) < 2:
         return False
     spans, counts = np.diff(arrival[new[ends]]), np.diff((new[ends], ends), axis=1)
-    usual = spans < LONG_SPANS * spans.mean()
+    usual = spans < 4.0 * spans.mean()  # a longer one is a gap or a stall, and tells nothing
     spans, counts = spans[usual], counts[:, usual]
     intervals = spans.sum() / counts.sum(axis=1)
     misfits = (spans - intervals[:, None] * counts) ** 2

@@ -25,9 +25,6 @@ LATE_SAMPLES = 8
 """Within this many samples, the stamps catch up after a late one; after a lost sample they never do. Of twice as many
 samples, one is surely on time."""
 
-NOMINAL_TOLERANCE = 0.01
-"""No sample is lost if the mean rate differs from the nominal one by less than this share."""
-
 
 def even_times(t: Array, nominal_hz: float | None = None) -> tuple[Array, str]:
     """Evenly spaced times (n,) s for stamps (n,) s of different samples; lost samples stay lost.
@@ -55,7 +52,7 @@ def even_times(t: Array, nominal_hz: float | None = None) -> tuple[Array, str]:
 def _sampling_interval(t: Array, nominal_hz: float | None) -> tuple[float, bool, bool]:
     """The sampling interval, s, of stamps that may be coarse; whether they come in batches; whether none is lost."""
     mean = float(t[-1] - t[0]) / (len(t) - 1)
-    complete = nominal_hz is not None and abs(mean * nominal_hz - 1.0) < NOMINAL_TOLERANCE
+    complete = nominal_hz is not None and abs(mean * nominal_hz - 1.0) < 0.01  # so near: none is lost
     steps = np.diff(t)
     # The samples of a batch may be stamped one after the other. The longest steps, if they are rare, are gaps.
     begins = steps > WITHIN_BATCH * np.sort(steps)[: int((1.0 - OFF_GRID_SHARE) * len(steps))].mean()

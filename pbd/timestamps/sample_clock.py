@@ -28,9 +28,6 @@ HOST_TOLERANCE_S, HOST_TOLERANCE_SHARE = 0.02, 0.1
 USUAL_STEPS = 9
 """The usual step is the median of this number of latest steps."""
 
-LONGEST_GAP_S = 10.0
-"""Longest gap, s, in a device's time. A longer jump, or one backwards, means that the clock was reset."""
-
 DOUBLED_EVERY_S, DOUBLED_SAMPLES = 0.25, 1000
 """Least time, s, between two looks whether packets come twice, and the number of latest samples that tell."""
 
@@ -114,7 +111,7 @@ class SampleClock(Generic[T]):
             self.doubted += doubt is not None
             self._doubt = now
             return []
-        if not 0.0 < doubt.t_device - last.t_device < LONGEST_GAP_S:
+        if not 0.0 < doubt.t_device - last.t_device < 10.0:  # s; no gap, but a clock that was reset
             elapsed = max(doubt.arrival - last.arrival, self._usual)
             self._zero += doubt.t_device - last.t_device - elapsed
         return [self._accept(doubt), self._accept(now)]

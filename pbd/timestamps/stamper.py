@@ -20,12 +20,6 @@ from pbd.timestamps.straighten import (
     first_slope,
 )
 
-START_S = 1.0
-"""Time, s, after which the line is first laid below the arrivals, if they came in BURST_BATCHES batches or more."""
-
-LINE_BATCHES = 1000
-"""The interval is fitted to this number of latest batches."""
-
 RECENT_BATCHES = 64
 """Where the line is, and how many batches are late, is found from this number of latest batches."""
 
@@ -38,12 +32,6 @@ probable than this."""
 
 LEAST_LATE_SHARE = 0.02
 """Smallest share of late batches that is assumed: a link may hold one back at any time."""
-
-LARGEST_SHIFT = 0.005
-"""Largest change of a step between times, as a share of the interval, when the times follow a line that has moved."""
-
-SHORTEST_INTERVAL_S = 1e-5
-"""Smallest interval, s, of samples; equal times have none."""
 
 T = TypeVar("T")
 
@@ -72,7 +60,7 @@ class Stamper(Generic[T]):
         self._count, self._index = 0, 0  # of the first sample held, as in `_End`
         self._t, self._t_index = 0.0, 0  # the latest time given, s; its index
         self._late = LEAST_LATE_SHARE  # share of batches that are late
-        self._ends: deque[_End] = deque(maxlen=LINE_BATCHES)
+        self._ends: deque[_End] = deque(maxlen=1000)  # the interval is fitted to these latest batches
         self._next_fit = 0.0  # s
 
     def stamp(self, sample: T, arrival: float) -> list[tuple[float, T]]:
@@ -81,7 +69,7 @@ class Stamper(Generic[T]):
         self._batch += arrival - before > WITHIN_BATCH * self._interval
         self._held.append(_Held(sample, arrival, self._batch))
         if not self._interval:
-            is_enough = arrival - self._held[0].arrival >= START_S and self._batch >= BURST_BATCHES
+            is_enough = arrival - self._held[0].arrival >= 1.0 and self._batch >= BURST_BATCHES  # 1 s
             return self._start() if is_enough else []
         if self._is_on_time(len(self._held) - 1):
             self._begin += min(self._delay(len(self._held) - 1), 0.0)
@@ -116,7 +104,7 @@ class Stamper(Generic[T]):
         """Give the first n samples held their times."""
         given, self._held = self._held[:n], self._held[n:]
         interval = self._interval
-        shift = LARGEST_SHIFT * interval
+        shift = 0.005 * interval  # at most, of a step, when the times follow a line that has moved
         stamped: list[tuple[float, T]] = []
         for k, (sample, arrival, batch) in enumerate(given):
             index = self._index + k
@@ -147,7 +135,7 @@ class Stamper(Generic[T]):
             interval = (arrival[-1] - arrival[0]) / max(counts[-1] - counts[0], 1)
         else:
             interval = first_slope(counts, arrival, int(np.median(np.diff(counts))))
-        self._interval = max(float(interval), SHORTEST_INTERVAL_S)
+        self._interval = max(float(interval), 1e-5)  # s; equal times have none
         delay = (arrival - self._interval * index)[near]
         self._begin = float(delay.min())
         blocks = [delay[k : k + LATE_BATCHES] for k in range(0, len(delay), LATE_BATCHES)]

@@ -37,9 +37,6 @@ LITTLE_JITTER, STEADY_SHARE = 0.1, 0.9
 """The steps from one batch to the next tell the interval if more than STEADY_SHARE of them deviate by less than
 LITTLE_JITTER, a share of the interval between batches."""
 
-LOSS_RISE_S = 0.1
-"""Time, s, in which the least delay rises to its full value after a loss."""
-
 MAX_STEP_DEVIATION = 0.2
 """Largest mean distance, in intervals, of a rise of the least delay from whole numbers that counts as losses. Losses
 raise it in steps (0), a change of the rate as a ramp (1/4)."""
@@ -57,9 +54,6 @@ LEAST_DRIFT_S, DRIFT_JITTERS = 0.02, 4.0
 """The rate changes only if the least delays of blocks of LONGEST_BURST_S range over this, s, and over this many times
 the usual delay. A beat with a USB adapter's frames of 16 ms is smaller."""
 
-FEWEST_DRIFT_BLOCKS = 6
-"""Fewest blocks that show a change of the rate."""
-
 WANDER_RATIO = 0.5
 """Largest mean square successive difference of delays that wander, as a share of their variance: where the rate
 changes, or samples were taken at uneven times. It is 2 where they are random (J. von Neumann, 1941)."""
@@ -67,9 +61,6 @@ changes, or samples were taken at uneven times. It is 2 where they are random (J
 MAX_DRIFT = 0.2
 """Largest change of the rate, as a share: an untrimmed oscillator is off by a tenth at most. Where a reading stays for
 more than one interval, so that rows are missing, the rate seems to change by more."""
-
-DRIFT_ROUNDS = 6
-"""Largest number of times that losses are counted anew with the changed rate: five suffice at 10 %."""
 
 
 def straighten(arrival: Array, burst_s: float = LONGEST_BURST_S, complete: bool = False) -> tuple[Array, int]:
@@ -93,7 +84,7 @@ def straighten(arrival: Array, burst_s: float = LONGEST_BURST_S, complete: bool 
     batch = int(sizes[np.searchsorted(np.cumsum(sizes), 0.5 * sizes.sum())])  # that of the median sample
     interval = first_slope(k[ends], arrival[ends], batch)
     lost, drift = np.zeros(n), np.zeros(n)
-    for _ in range(DRIFT_ROUNDS):
+    for _ in range(6):  # losses are counted anew with the changed rate: five rounds suffice at 10 %
         burst = max(round(burst_s / interval), BURST_BATCHES * batch, 2)
         for _ in range(3):  # a better interval gives a better count of losses, and the reverse
             lost = lost if complete else _lost_before((arrival - drift - k * interval)[last], interval, burst, ends)
@@ -108,7 +99,7 @@ def straighten(arrival: Array, burst_s: float = LONGEST_BURST_S, complete: bool 
 def _drift(delay: Array, block: int, interval: float) -> Array:
     """Return how the least delayed of the delays (n,) s, `interval` s apart, rise and fall slowly, (n,) s; or 0."""
     starts = range(0, len(delay), 2 * block)
-    if len(starts) < FEWEST_DRIFT_BLOCKS:
+    if len(starts) < 6:  # fewer blocks show no change of the rate
         return np.zeros(len(delay))
     rows = np.array([at + int(np.argmin(delay[at : at + block])) for at in starts])
     least = delay[rows]
@@ -130,7 +121,7 @@ def _lost_before(delay: Array, interval: float, ahead: int, ends: NDArray[np.int
     """
     from scipy.ndimage import find_objects, label, minimum_filter1d
 
-    rise = min(max(2, round(LOSS_RISE_S / interval)), ahead)
+    rise = min(max(2, round(0.1 / interval)), ahead)  # in 0.1 s the least delay rises to its full value after a loss
     batches = max(ahead * len(ends) // len(delay), 2)
     # Batches are compared, not samples: the backlog of a stall has many samples, but one delay.
     in_batches = batches + 1  # so many have samples among `ahead`: the last in part

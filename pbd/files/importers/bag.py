@@ -33,9 +33,6 @@ numbers of a vector's covariance follow it; the first is -1 if the vector is not
 BATCH_MESSAGES = 20_000
 """Messages decoded in one batch: 7 MB."""
 
-ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
-"""First bytes of a compressed message (RFC 8878, 3.1.1). An uncompressed CDR message begins with a zero."""
-
 LONGEST_MESSAGE = 10_000
 """Largest size of a decompressed message, bytes. An Imu has 316 and its frame's name."""
 
@@ -185,7 +182,8 @@ def _messages(path: Path, reader: Any, wanted: Collection[str]) -> Iterator[tupl
         connections = [each for each in storage.connections if each.topic in wanted and each.msgtype in (IMU, FIELD)]
         scan = getattr(storage, "messages_scan", storage.messages)
         for connection, received, data in scan(connections):
-            yield connection.topic, received, _decompressed(path, data) if data[:4] == ZSTD_MAGIC else data
+            is_zstd = data[:4] == b"\x28\xb5\x2f\xfd"  # RFC 8878, 3.1.1; an uncompressed CDR message begins with a zero
+            yield connection.topic, received, _decompressed(path, data) if is_zstd else data
 
 
 def _decompressed(path: Path, packed: bytes) -> bytes:

@@ -20,9 +20,6 @@ MCAP_FOOTER = b"\x02" + struct.pack("<Q", 20) + bytes(20) + MCAP_MAGIC
 FOOTER, CHUNK, CHUNK_HEAD = 2, 6, struct.Struct("<QQQII")
 """Types of two records, and the fixed beginning of a chunk."""
 
-MAX_COMPRESSION_RATIO = 50
-"""Largest compression ratio of a chunk. Samples of a sensor reach 5."""
-
 
 @contextmanager
 def repaired_bag(path: Path) -> Iterator[Path]:
@@ -86,7 +83,7 @@ def _complete_records(path: Path, data: mmap.mmap | bytes, at: int = len(MCAP_MA
         inside = at + 9 + CHUNK_HEAD.size + 8
         if kind == CHUNK and inside <= len(data):
             _, _, contents, _, compression = CHUNK_HEAD.unpack_from(data, at + 9)
-            if contents > min(MOST_DATA_BYTES, MAX_COMPRESSION_RATIO * max(size, 10_000)):
+            if contents > min(MOST_DATA_BYTES, 50 * max(size, 10_000)):  # samples of a sensor compress by up to 5
                 what = f"a chunk of {size} bytes decompresses to {contents / 1e6:.0f} MB, which is refused"
                 raise RecordingError.at(path, f"{what}; record it again", value=contents)
             if at + 9 + size > len(data) and compression == 0:

@@ -58,8 +58,6 @@ LONGEST_LINE = 1000
 """Number of characters that are read of a line."""
 
 _MESSAGE_END = re.compile(r"(?m)^---\s*$")
-ECHO_START = 10_000
-"""Number of characters in which the first message of `topic echo` must end. One of sensor_msgs/Imu has about 1,000."""
 
 
 def is_printed(text: str) -> bool:
@@ -109,7 +107,8 @@ def _printed_samples(text: str) -> tuple[list[dict[str, str]], dict[str, str]]:
 
 def _is_echoed(text: str) -> bool:
     """Whether ROS's `topic echo` printed the text: keys, values and items of lists, among them a vector's z."""
-    messages = (message.strip() for message in _MESSAGE_END.split(text[:ECHO_START])[:-1])
+    # The first message must end early: one of sensor_msgs/Imu has about 1,000 characters.
+    messages = (message.strip() for message in _MESSAGE_END.split(text[:10_000])[:-1])
     yaml = re.compile(r" *(?:\w+:|- )").match
     return any("\n  z: " in message and all(map(yaml, message.split("\n"))) for message in messages)
 

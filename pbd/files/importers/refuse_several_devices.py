@@ -21,9 +21,6 @@ DEVICE_NAMES = re.compile(
 MOST_DEVICES = 20
 """Largest number of devices in a file. A column with more names counts something else."""
 
-FEWEST_ROWS = 50
-"""Smallest number of rows of each device that tell alternating devices from a lone sensor: half a second at 100 Hz."""
-
 TOP = 200_000
 """Number of characters of the first rows, whose readings are compared: ten seconds and more at 100 Hz."""
 
@@ -55,7 +52,8 @@ def refuse_alternating_devices(sheet: Sheet, found: SourceColumns) -> None:
     table = top.read([name for names in sensors for name in names])
     for name in filter(sheet.header.__contains__, found.unread):
         devices, device, rows = np.unique(top.words(name), return_inverse=True, return_counts=True)
-        if not 1 < len(devices) <= MOST_DEVICES or rows.min() < FEWEST_ROWS or len(device) != len(table.values):
+        few = not 1 < len(devices) <= MOST_DEVICES or rows.min() < 50  # half a second at 100 Hz tells nothing
+        if few or len(device) != len(table.values):
             continue
         order = np.argsort(device, kind="stable")
         same = np.diff(device[order]) == 0

@@ -33,17 +33,8 @@ LARGEST_READING = {"gyr": 200.0, "acc": 2000.0, "mag": 1e5}
 MAX_RUN_S = 1e5
 """Largest experiment time, s. Above it, the 8 digits of an answer no longer resolve a millisecond."""
 
-GYRO_WAIT_S = 1.0
-"""Time span of acceleration samples without a gyro sample after which the phone counts as one without a gyro, s."""
-
-MAG_WAIT_S = 0.5
-"""Longest time that samples wait for the magnetometer, s. It may come late or stop."""
-
 MAX_STEP_S = 0.5
 """Longest step of a sensor's time that needs no confirmation, s. The slowest magnetometers give 5 samples a second."""
-
-ROWS_KEPT = 100
-"""Number of a sensor's latest rows that are kept: the median of their intervals is its usual interval."""
 
 _REQUEST = re.compile(rb"/get |/time ")
 LONGEST_ANSWER = 16_000_000
@@ -176,12 +167,12 @@ class PhyphoxDecoder:
             return []
         self._first = min(self._first, float(acc[0, 0]))
         has_gyr = last_gyr > -inf
-        if not has_gyr and last_acc - self._first < GYRO_WAIT_S:
+        if not has_gyr and last_acc - self._first < 1.0:  # s, after which the phone counts as one without a gyro
             return []
         clock = gyr if has_gyr else acc
         until = min(last_acc, self._clock.paused_at)
         if last_mag > -inf:
-            until = min(until, max(last_mag, last_acc - MAG_WAIT_S))
+            until = min(until, max(last_mag, last_acc - 0.5))  # s at most: the field may come late or stop
         rows = clock[(clock[:, 0] > self._last_t) & (clock[:, 0] <= until)]
         if not len(rows):
             return []
@@ -193,8 +184,9 @@ class PhyphoxDecoder:
         later = elapsed > np.maximum.accumulate(np.append(self._latest, elapsed[:-1]))
         self._latest = max(self._latest, float(elapsed.max()))
         for kind, each in self._rows.items():
-            after = int(np.searchsorted(each[:, 0], self._last_t))  # interpolation needs the latest before too
-            self._rows[kind] = each[max(after - ROWS_KEPT, 0) :]
+            after = int(np.searchsorted(each[:, 0], self._last_t))
+            # Interpolation needs the latest row before, and the median of its intervals is the usual one.
+            self._rows[kind] = each[max(after - 100, 0) :]
         return [
             Sample(
                 (ax, ay, az),
