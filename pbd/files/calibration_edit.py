@@ -19,9 +19,6 @@ from pbd.io.read_file import read_text
 from pbd.io.toml import FORMAT, parse_toml
 from pbd.pose import Array, Pose, quat_to_rpy
 
-HEADER = "Made by `pbd calibrate`; docs/calibration.md explains each part, calibration/default.toml each key."
-"""First comment of a new calibration file."""
-
 Value = str | float | bool | Sequence[float] | Mapping[str, float]
 Values = Mapping[str, tuple[Value | None, str]]
 """Key -> its value (None removes the key), and a comment for a new key."""
@@ -128,7 +125,8 @@ def _document(path: Path, parts: Collection[str], robots: Sequence[str]) -> toml
                 text = re.sub(rf"(?m)^(\s*\[\s*){old}(\s*\])", rf"\g<1>{new}\g<2>", text)
         return tomlkit.parse(text)
     document = tomlkit.document()
-    document.add(tomlkit.comment(HEADER))
+    explained = "docs/calibration.md explains each part, calibration/default.toml each key."
+    document.add(tomlkit.comment(f"Made by `pbd calibrate`; {explained}"))
     document["format"] = FORMAT
     document["name"] = path.stem
     if robots:

@@ -20,9 +20,6 @@ SYSFS_INPUT = Path("/sys/class/input")
 ABSINFO = struct.Struct("@6i")
 """struct input_absinfo of linux/input.h: value, minimum, maximum, fuzz, flat, resolution."""
 
-READ_BYTES = 256 * EVENT.size
-"""Largest read of a device, bytes."""
-
 
 def _ioctl_request(write: bool, number: int) -> int:
     """Build an ioctl request: direction, size, the letter E, number (asm-generic/ioctl.h)."""
@@ -66,7 +63,7 @@ class GamepadPort(ByteSource):
         data, self._pending = self._pending, b""
         try:
             for fd in select.select(self._fds, (), (), 0.0 if data else READ_TIMEOUT_S)[0]:
-                if not (read := os.read(fd, READ_BYTES)):
+                if not (read := os.read(fd, 256 * EVENT.size)):
                     raise OSError("end of file")
                 events = list(EVENT.iter_unpack(read[: len(read) // EVENT.size * EVENT.size]))
                 if fd != self._motion:  # keys only: the sticks use the axis codes of the accelerometer

@@ -50,9 +50,6 @@ class WireProtocol:
         return self.rate_commands[int(rate_hz)]
 
 
-WITMOTION_CODES = {1: 0x03, 2: 0x04, 5: 0x05, 10: 0x06, 20: 0x07, 50: 0x08, 100: 0x09, 200: 0x0B}
-"""Rate in Hz -> value of register RRATE, where the maker's data sheets agree. (One has 0x0A for 125 Hz.)"""
-
 PROTOCOLS: Mapping[str, WireProtocol] = {
     "os5000": WireProtocol(
         title="OceanServer OS5000, OS500, OS4000",
@@ -70,7 +67,8 @@ PROTOCOLS: Mapping[str, WireProtocol] = {
         # unlock, write register 3, save (WIT Standard Communication Protocol: FF AA, register, low byte, high byte)
         rate_commands={
             hz: (b"\xff\xaa\x69\x88\xb5", bytes((0xFF, 0xAA, 0x03, code, 0x00)), b"\xff\xaa\x00\x00\x00")
-            for hz, code in WITMOTION_CODES.items()
+            # rate in Hz -> RRATE, where the data sheets agree (one has 0x0A for 125 Hz)
+            for hz, code in {1: 3, 2: 4, 5: 5, 10: 6, 20: 7, 50: 8, 100: 9, 200: 0x0B}.items()
         },
     ),
     "ximu3": WireProtocol(

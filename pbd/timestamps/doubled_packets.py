@@ -8,9 +8,6 @@ from numpy.typing import NDArray
 from pbd.pose import Array
 from pbd.timestamps.straighten import WITHIN_BATCH
 
-MAX_LIKELIHOOD_RATIO = 1e-5
-"""Largest ratio of the likelihoods of repeated readings and of packets that came twice, if the latter are believed."""
-
 
 def came_twice(arrival: Array, repeats: NDArray[np.bool_]) -> bool:
     """Whether the samples (n,) that repeat all readings of the one before are packets that came twice; arrival (n,) s.
@@ -31,4 +28,5 @@ def came_twice(arrival: Array, repeats: NDArray[np.bool_]) -> bool:
     intervals = spans.sum() / counts.sum(axis=1)
     misfits = (spans - intervals[:, None] * counts) ** 2
     # Gaussian delays: the log-likelihood of each hypothesis is its misfit over twice the variance, that of repeats.
-    return bool((misfits[0] - misfits[1]).sum() > -2.0 * log(MAX_LIKELIHOOD_RATIO) * misfits[0].mean())
+    # Doubled packets are believed if repeated readings are less likely by the factor 1e-5.
+    return bool((misfits[0] - misfits[1]).sum() > -2.0 * log(1e-5) * misfits[0].mean())

@@ -26,10 +26,6 @@ RECENT_BATCHES = 64
 LATE_BATCHES = 16
 """Lateness is measured from the least delayed of this number of batches. Among so few, a sample is rarely lost."""
 
-FALSE_LOSS_CHANCE = 1e-5
-"""Probability of a false loss: a sample counts as lost if, without a loss, so many late batches in sequence are less
-probable than this."""
-
 LEAST_LATE_SHARE = 0.02
 """Smallest share of late batches that is assumed: a link may hold one back at any time."""
 
@@ -94,11 +90,11 @@ class Stamper(Generic[T]):
         return self._delay(k) < LOST_SHARE * self._interval
 
     def _is_lost(self) -> bool:
-        """Whether a sample was lost before the first held: those held have been late for too long."""
+        """Whether a sample was lost before the first held: without a loss, the chance of so many late ones is 1e-5."""
         first, last = self._held[0], self._held[-1]
         batches = last.batch - first.batch  # the last one may not be complete
         lasts = last.arrival - first.arrival > LONGEST_BURST_S and batches >= BURST_BATCHES
-        return lasts or batches * log(self._late) < log(FALSE_LOSS_CHANCE)
+        return lasts or batches * log(self._late) < log(1e-5)
 
     def _give(self, n: int) -> list[tuple[float, T]]:
         """Give the first n samples held their times."""

@@ -7,14 +7,11 @@ import numpy as np
 from pbd.data import Samples
 from pbd.files.exporters.export_request import ExportRequest
 
-LEAST_GAP_S = 1e-4
-"""Smallest gap between frames, s: the resolution of the file's float32 times after 20 minutes."""
-
 
 def samples(request: ExportRequest) -> Samples:
     """Sample at the rate and at each keyframe."""
     t, keyframe_t = request.sampled().t, request.trajectory.keyframe_t
-    apart = np.abs(t[:, None] - keyframe_t).min(axis=1) >= LEAST_GAP_S
+    apart = np.abs(t[:, None] - keyframe_t).min(axis=1) >= 1e-4  # s: the resolution of float32 after 20 minutes
     return request.trajectory.at(np.union1d(t[apart], keyframe_t))
 
 

@@ -21,9 +21,6 @@ from pbd.files.table import Sheet, Table
 from pbd.io.numbers import DAY_S, HOUR_S, date_order, is_stamp, seconds
 from pbd.pose import Array
 
-MOST_STEPS = 0.9
-"""Smallest share of equal steps in a column that counts samples: of ten samples at most one may be lost."""
-
 
 def dated_column(sheet: Sheet) -> str:
     """Return the first column whose dates or times of day increase from the first row to the last; "": none."""
@@ -110,7 +107,7 @@ def numbers_of_samples(name: str, counter: Array) -> Array | None:
     steps = np.diff(counter)
     steps = steps + _counter_size(counter) * (steps < 0.0)
     usual = float(np.median(steps)) if len(steps) else 0.0
-    if not usual > 0.0 or np.mean(steps == usual) < MOST_STEPS:
+    if not usual > 0.0 or np.mean(steps == usual) < 0.9:  # of ten samples at most one may be lost
         return None
     if (wrong := np.flatnonzero((steps < 0.0) | (steps % usual != 0.0))).size:
         row = int(wrong[0])

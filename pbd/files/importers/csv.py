@@ -40,9 +40,6 @@ from pbd.pose import Array
 
 TEXT = (".csv", ".txt", ".tsv", ".log", ".lvm")
 
-TOP = 5000
-"""Number of characters of the first rows, whose number of cells is compared with the header's."""
-
 
 def read_csv(request: Request) -> Demonstration | None:
     """Read a recording from a table with a header, or from lines with names beside the numbers; None: it is no text.
@@ -119,8 +116,8 @@ def _opened(request: Request, columns: Mapping[str, str], text: str) -> tuple[Sh
     unit = request.units.get("t") or ("s" if rate_hz is not None else "")
     if any((unit_factor("t", unit or time_unit(name)) or 1.0) < 1.0 for name in sheet.header):
         sheet = replace(sheet, body=without_thousands(sheet.body, sheet.delimiter))  # `100.010` may be ms, not s
-    if (top := sheet.body[:TOP].rpartition("\n")[0]) and '"' not in top:
-        replace(sheet, body=top).read(())  # refuses rows that are wider than the header before names are asked for
+    if (top := sheet.body[:5000].rpartition("\n")[0]) and '"' not in top:
+        replace(sheet, body=top).read(())  # the first rows: wider ones are refused before names are asked for
     return sheet, rate_hz
 
 

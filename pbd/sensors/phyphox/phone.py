@@ -32,9 +32,6 @@ ANSWER_S = 4.0
 PATIENCE_S = 30.0
 """Time without a sample after which the phone counts as lost, s. To rejoin a Wi-Fi takes about 10 s."""
 
-READ_BYTES = 65536
-"""Largest piece of an answer that is read at once, bytes."""
-
 SCAN_HINT = "scan the code of `pbd sensors phyphox` with the app, open it, and allow remote access in its menu"
 
 
@@ -164,7 +161,7 @@ class PhonePort(ByteSource):
             self._connection.request("GET", path, headers={"Accept": "application/json"})
             response = self._connection.getresponse()
             body = bytearray()
-            while piece := response.read1(READ_BYTES):
+            while piece := response.read1(65536):
                 body += piece
                 if len(body) > LONGEST_ANSWER:
                     raise ValueError("an answer without end")
