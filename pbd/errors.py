@@ -169,7 +169,7 @@ def one_line(message: str) -> str:
 
 def in_words(reason: Exception) -> str:
     """Return the reason of an exception, without errno and path: the message that quotes it names the path."""
-    return reason.strerror if isinstance(reason, OSError) and reason.strerror else str(reason)
+    return (reason.strerror if isinstance(reason, OSError) else None) or str(reason) or type(reason).__name__
 
 
 def require_package(module: str, extra: str, what: str) -> None:

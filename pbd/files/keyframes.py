@@ -72,21 +72,17 @@ def keyframes_toml(
             f"sigma_m = {_numbers(sigma[:3], 4)}",
             f"sigma_deg = {_numbers(np.degrees(sigma[3:]), 2)}",
         ]
-        if keyframe.tolerance_m is not None:
-            tolerance_m = np.clip(keyframe.tolerance_m, 1e-4, LARGEST_NUDGE_M)  # smaller ones would be rounded to zero
-            lines.append(f"tolerance_m = {_numbers(tolerance_m, 4)}")
-        if keyframe.tolerance_rad is not None:
-            lines.append(f"tolerance_deg = {max(float(np.degrees(keyframe.tolerance_rad)), 0.01):.2f}")
-        if keyframe.grip is not None:
-            lines.append(f'grip = "{"closes" if keyframe.grip else "opens"}"')
-        if keyframe.label:
-            lines.append(f"label = {_quoted(keyframe.label)}")
-        for key, nudge in (("nudge_base_m", keyframe.nudge_base_m), ("nudge_tool_m", keyframe.nudge_tool_m)):
-            if nudge.any():
-                lines.append(f"{key} = {_numbers(nudge, 4)}")
-        if keyframe.frames:
-            lines.append(f"frames = [{', '.join(map(_quoted, keyframe.frames))}]")
-        lines.append("")
+        tolerance_m, tolerance_rad = keyframe.tolerance_m, keyframe.tolerance_rad
+        optional = {  # a tolerance that would be rounded to zero becomes the smallest that is not
+            "tolerance_m": tolerance_m is not None and _numbers(np.clip(tolerance_m, 1e-4, LARGEST_NUDGE_M), 4),
+            "tolerance_deg": tolerance_rad is not None and f"{max(float(np.degrees(tolerance_rad)), 0.01):.2f}",
+            "grip": {True: '"closes"', False: '"opens"', None: ""}[keyframe.grip],
+            "label": keyframe.label and _quoted(keyframe.label),
+            "nudge_base_m": keyframe.nudge_base_m.any() and _numbers(keyframe.nudge_base_m, 4),
+            "nudge_tool_m": keyframe.nudge_tool_m.any() and _numbers(keyframe.nudge_tool_m, 4),
+            "frames": keyframe.frames and f"[{', '.join(map(_quoted, keyframe.frames))}]",
+        }
+        lines += [*(f"{key} = {text}" for key, text in optional.items() if text), ""]
     return "\n".join((*lines, *map(touch_up_toml, touch_ups)))
 
 

@@ -31,7 +31,7 @@ def read_bytes(path: Path, error: type[PbdError], next_step: str, most: int = MO
         with os.fdopen(os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC), "rb") as file:
             return file.read(_size_of(os.fstat(file.fileno()), most))  # another file may have replaced it
     except (OSError, ValueError, MemoryError) as reason:  # ValueError: a path with a zero byte
-        why = in_words(reason) or "it needs more memory than there is"
+        why = "it needs more memory than there is" if isinstance(reason, MemoryError) else in_words(reason)
         raise error(f"{name or path}: can't be read ({why}); {next_step}", path=path) from None
 
 

@@ -60,7 +60,10 @@ def _sample(body: bytes) -> Sample | None:
     if body.startswith(b"OHPR,"):
         values = _comma_values(body)
     elif _TAGGED.fullmatch(body):
-        values = _tagged_values(body)
+        fields = _FIELD.findall(body)
+        values = {tag: float(text) for tag, text in fields}
+        if len(values) < len(fields):
+            raise ValueError("a tag comes twice")
     elif body.startswith(b"C") and not body[1:2].isalpha():
         raise ValueError("not tags and numbers")
     else:
@@ -79,14 +82,6 @@ def _sample(body: bytes) -> Sample | None:
         mag=None if mag is None else scaled(mag, 1e-3 * UT_PER_GAUSS),
         rpy=None if angles is None else from_north_east_down(scaled(angles, DEG)),
     )
-
-
-def _tagged_values(body: bytes) -> dict[bytes, float]:
-    fields = _FIELD.findall(body)
-    values = {tag: float(text) for tag, text in fields}
-    if len(values) < len(fields):
-        raise ValueError("a tag comes twice")
-    return values
 
 
 def _comma_values(body: bytes) -> dict[bytes, float]:

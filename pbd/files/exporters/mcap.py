@@ -4,7 +4,6 @@ Both begin at the bag's start. rosbags, which comes with pbd-robot[ros], writes 
 """
 
 from collections.abc import Mapping, Sequence
-from datetime import UTC, datetime, timedelta
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -203,7 +202,7 @@ def _start_ns(created: str | None) -> int:
     """Return the bag's start, ns, from a date in ISO 8601."""
     if created is None:
         return UNDATED_NS
-    ns = 1000 * ((instant_of(created) - datetime.fromtimestamp(0, UTC)) // timedelta(microseconds=1))
+    ns = 1000 * round(1e6 * instant_of(created).timestamp())
     return ns if UNDATED_NS <= ns <= (2**31 - 10**6) * 10**9 else UNDATED_NS  # ROS counts seconds in 32 bits
 
 

@@ -65,7 +65,7 @@ def read_bag(request: Request) -> Demonstration | None:
         raise
     except Exception as reason:  # damaged bytes cause errors of sqlite, yaml and zstd
         do = "try `rosbag reindex`, or record it again" if kind is rosbag1 else "record it again"
-        what = f"can't be read as a bag ({in_words(reason) or type(reason).__name__}); {do}"
+        what = f"can't be read as a bag ({in_words(reason)}); {do}"
         raise RecordingError.at(path, what) from None
     read = {name: decoder.all() for name, decoder in wanted.items()}
     if empty := next((name for name in imus if not len(read[name][0])), None):

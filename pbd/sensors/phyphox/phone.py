@@ -11,7 +11,7 @@ from typing import Self
 from urllib.parse import urlsplit
 
 from pbd.data.paused_clock import PausedClock
-from pbd.errors import SensorError, printable
+from pbd.errors import SensorError, in_words, printable
 from pbd.sensors.phyphox.answers import (
     BUFFERS,
     LONGEST_ANSWER,
@@ -61,11 +61,8 @@ class PhonePort(ByteSource):
             self.close()
             raise
         except (OSError, http.client.HTTPException) as reason:
-            raise SensorError(
-                f"{self.device} does not answer ({_short_reason(reason)}): {SCAN_HINT}; the phone and this computer "
-                "must be in the same Wi-Fi",
-                path=self.device,
-            ) from None
+            what = f"{self.device} does not answer ({printable(in_words(reason))}): {SCAN_HINT}; the phone and this"
+            raise SensorError(f"{what} computer must be in the same Wi-Fi", path=self.device) from None
         except ValueError:
             self.close()
             raise SensorError(f"what answers at {self.device} is no phyphox: {SCAN_HINT}", path=self.device) from None
@@ -108,7 +105,8 @@ class PhonePort(ByteSource):
             data = self._poll()
         except (OSError, http.client.HTTPException) as reason:
             data = b""
-            self.trouble = f"the phone does not answer ({_short_reason(reason)}); is its screen on, and its Wi-Fi?"
+            why = printable(in_words(reason))
+            self.trouble = f"the phone does not answer ({why}); is its screen on, and its Wi-Fi?"
             self.close()
         except ValueError:
             data = b""
@@ -184,18 +182,12 @@ class PhonePort(ByteSource):
 
 
 def _host_and_port(address: str) -> tuple[str, int]:
-    try:
+    with suppress(ValueError):
         parts = urlsplit(address)
-        host, port = parts.hostname, parts.port
-    except ValueError:
-        parts, host, port = None, None, None
-    if parts is None or host is None or parts.scheme != "http" or parts.path or parts.query or parts.username:
-        raise SensorError(
-            f"'{printable(address)}' is no address of a phone; give it as phyphox shows it, such as "
-            "http://192.168.1.20:8080",
-            value=address,
-        )
-    return host, 80 if port is None else port
+        if parts.hostname and parts.scheme == "http" and not (parts.path or parts.query or parts.username):
+            return parts.hostname, 80 if parts.port is None else parts.port
+    what = f"'{printable(address)}' is no address of a phone; give it as phyphox shows it, such as"
+    raise SensorError(f"{what} http://192.168.1.20:8080", value=address)
 
 
 def _is_measuring(answer: object) -> bool:
@@ -207,10 +199,3 @@ def _is_measuring(answer: object) -> bool:
 
 def _one_line(text: bytes) -> bytes:
     return b" ".join(text.split()) + b"\n"
-
-
-def _short_reason(reason: Exception) -> str:
-    if isinstance(reason, TimeoutError):
-        return "timed out"
-    text = getattr(reason, "strerror", None) or str(reason) or type(reason).__name__
-    return printable(str(text))[:80]
