@@ -8,9 +8,6 @@ from pathlib import Path
 
 from pbd.errors import PbdError, in_words
 
-MOST_TEXT_BYTES = 4_000_000
-"""Largest file that a person writes (TOML, JSON, points), bytes. The bundled ones have less than 10 kB."""
-
 MOST_DATA_BYTES = 1_000_000_000
 """Largest file of samples, bytes: ten hours of nine channels at 200 Hz as CSV."""
 
@@ -35,8 +32,8 @@ def read_bytes(path: Path, error: type[PbdError], next_step: str, most: int = MO
         raise error(f"{name or path}: can't be read ({why}); {next_step}", path=path) from None
 
 
-def read_text(path: Path, error: type[PbdError], next_step: str, most: int = MOST_TEXT_BYTES, name: str = "") -> str:
-    """Read a text file (`read_bytes`, `decoded`)."""
+def read_text(path: Path, error: type[PbdError], next_step: str, most: int = 4_000_000, name: str = "") -> str:
+    """Read a text file (`read_bytes`, `decoded`), by default one that a person writes; the bundled ones have 10 kB."""
     return decoded(read_bytes(path, error, next_step, most, name), name or path, error, next_step)
 
 

@@ -51,24 +51,17 @@ FIELD_BYTES = (
 """Bytes of each field, in the order of the bits, of the groups common, time, IMU, GPS, attitude, INS and GPS2."""
 
 FIELDS_READ = {
-    (0, 0): ("time",),
-    (0, 3): ("ypr",),
-    (0, 4): ("quat",),
-    (0, 5): ("gyr",),
-    (0, 8): ("acc",),
-    (0, 9): ("raw acc", "raw gyr"),
-    (0, 10): ("mag",),
-    (1, 0): ("time",),
-    (2, 1): ("raw mag",),
-    (2, 2): ("raw acc",),
-    (2, 3): ("raw gyr",),
-    (2, 8): ("mag",),
-    (2, 9): ("acc",),
-    (2, 10): ("gyr",),
-    (4, 1): ("ypr",),
-    (4, 2): ("quat",),
+    "time": ((0, 0), (1, 0)),
+    "ypr": ((0, 3), (4, 1)),
+    "quat": ((0, 4), (4, 2)),
+    "mag": ((0, 10), (2, 8)),
+    "acc": ((0, 8), (2, 9)),
+    "gyr": ((0, 5), (2, 10)),
+    "raw mag": ((2, 1),),
+    "raw acc": ((0, 9), (2, 2)),
+    "raw gyr": ((0, 9), (2, 3)),
 }
-"""(group, bit) -> quantities that are read. The rest of a field is skipped."""
+"""Quantity -> (group, bit) of its fields. A field may have two, in this order; the rest of it is skipped."""
 
 VALUE_FORMATS = {"time": ("Q", 1), "quat": ("4f", 4)}
 """Struct format and number of values of a quantity; the others are three floats."""
@@ -175,7 +168,7 @@ def _packet_layout(header: bytes) -> tuple[Struct, dict[str, int]] | None:
         for bit, size in enumerate(FIELD_BYTES[group]):
             if mask >> bit & 1:
                 field = ""
-                for what in FIELDS_READ.get((group, bit), ()):
+                for what in (name for name, places in FIELDS_READ.items() if (group, bit) in places):
                     code, count = VALUE_FORMATS.get(what, ("3f", 3))
                     offsets[what], numbers, field = numbers, numbers + count, field + code
                 formats += f"{field}{size - calcsize('<' + field)}x"

@@ -26,9 +26,6 @@ from pbd.sensors.decoding import Sample, Tally, Triple, scaled
 LONGEST_LINE = 1024
 """Number of a line's last bytes that are read. Notes and answers to commands are shorter than 300 bytes."""
 
-MAX_AGE_US = 200_000
-"""Largest age of the field and the attitude that a sample gets, us."""
-
 LIMITS = {
     "I": (3000.0, 3000.0, 3000.0, 24.0, 24.0, 24.0),
     "M": (100.0, 100.0, 100.0),
@@ -120,6 +117,6 @@ def _parse(message: bytes) -> tuple[str, int, tuple[float, ...]] | None:
 
 
 def _recent(values: deque[tuple[int, Triple]], us: int) -> Triple | None:
-    """Return the newest value that is not later than `us` and at most MAX_AGE_US older."""
-    recent = [(age, value) for at, value in values if 0 <= (age := us - at) <= MAX_AGE_US]
+    """Return the newest value that is not later than `us` and at most 0.2 s older."""
+    recent = [(age, value) for at, value in values if 0 <= (age := us - at) <= 200_000]
     return min(recent)[1] if recent else None

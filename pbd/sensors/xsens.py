@@ -32,9 +32,6 @@ from pbd.sensors.decoding import PacketDecoder, Sample, Triple, WrappingClock, s
 TICKS_HZ = 10_000
 """Unit of the sample time, Hz."""
 
-MAX_AGE_TICKS = TICKS_HZ // 5
-"""Largest age of the field and the attitude that a sample gets: 0.2 s."""
-
 ENU, NED, NWU = 0x0, 0x4, 0x8
 """Bits of an identifier that name the frame of an attitude."""
 
@@ -112,14 +109,14 @@ class XsensDecoder(PacketDecoder):
         return ticks / TICKS_HZ
 
     def _recent(self, what: str, value: Triple | None) -> Triple | None:
-        """Return the value, or without one the latest value if it is at most MAX_AGE_TICKS old."""
+        """Return the value, or without one the latest value if it is at most 0.2 s old."""
         if self._ticks is None:
             return value
         if value is not None:
             self._last[what] = (self._ticks, value)
         elif what in self._last:
             at, last = self._last[what]
-            return last if 0 <= self._ticks - at <= MAX_AGE_TICKS else None
+            return last if 0 <= self._ticks - at <= TICKS_HZ // 5 else None
         return value
 
 

@@ -22,9 +22,6 @@ LIMITS = "velocity", "acceleration", "jerk"
 EPSILON = float(np.finfo(np.float64).eps)
 """Relative size of a number's last digit."""
 
-_STEPS = 64
-"""Number of steps per gap at which a quintic's limits are checked. The jerk's peak is found to 0.02 %."""
-
 _ROUNDING = 2.0, 8.0, 64.0
 """Largest errors of a quintic's velocity, acceleration and jerk, as multiples of the position's rounding error over the
 gap to the power 1, 2, 3. They are the quintic's largest coefficients (1.9, 5.8 and 60), rounded up."""
@@ -117,7 +114,7 @@ def _peak_values(coefficients: Array, h: Array) -> Array:
             vertex = -0.5 * coefficients[:, 1] / coefficients[:, 2]
         instants.append(np.clip(np.nan_to_num(vertex), 0.0, h))
     elif coefficients.shape[1] > 3:
-        instants += [step / _STEPS * h for step in range(1, _STEPS)]
+        instants += [step / 64 * h for step in range(1, 64)]  # so the jerk's peak is found to 0.02 %
     return np.asarray(np.maximum.reduce([np.abs(evaluate(coefficients, s)) for s in instants]))
 
 
