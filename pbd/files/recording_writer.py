@@ -112,12 +112,8 @@ class RecordingWriter:
         except OSError as reason:
             if self.rows == 0:
                 raise unwritable(self.folder, reason, RecordingError) from None
-            raise RecordingError(
-                f"{self.folder} can't be written on ({reason.strerror}); its {self.rows} samples so far are intact: "
-                "make room and record again",
-                path=self.folder,
-                rows=self.rows,
-            ) from None
+            what = f"{self.folder} can't be written on ({reason.strerror}); its {self.rows} samples so far are intact"
+            raise RecordingError(f"{what}: make room and record again", path=self.folder, rows=self.rows) from None
 
     def _toml(self) -> str:
         recording = Recording(np.zeros(0), np.zeros((0, 3)), grip=tuple(self._grip), info=self._info)

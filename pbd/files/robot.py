@@ -139,12 +139,9 @@ def _check_meshes(urdf: Urdf, package_dirs: Sequence[Path]) -> None:
         if only_shows:
             undrawn.append(address)
         else:
-            raise RobotError.at(
-                urdf.path,
-                f"the mesh {printable(address)!r} of link {link!r} is missing: there is no "
-                f"{', nor '.join(map(str, places))}; put it there, or correct its address",
-                link=link,
-            )
+            what = f"the mesh {printable(address)!r} of link {link!r} is missing: there is no"
+            what = f"{what} {', nor '.join(map(str, places))}; put it there, or correct its address"
+            raise RobotError.at(urdf.path, what, link=link)
     if undrawn:
         what = f"{urdf.path}: visual meshes are missing: {listed(dict.fromkeys(undrawn))}; their links are drawn by"
         warn(f"{what} their collision shapes; put them there, or correct their addresses")
@@ -166,12 +163,9 @@ def _movable(urdf: Urdf, base: str, body: str) -> list[UrdfJoint]:
     for joint in movable:
         if joint.mimic or joint.kind not in ACTUATED:
             what = f"mimics {joint.mimic.leader!r}" if joint.mimic else f"is {joint.kind}"
-            raise RobotError(
-                f"{urdf.path}: joint {joint.name!r}, between {base!r} and {body!r}, {what}, which pbd does not support "
-                "in an arm; choose another base or body, or change the joint",
-                path=urdf.path,
-                joint=joint.name,
-            )
+            what = f"joint {joint.name!r}, between {base!r} and {body!r}, {what}, which pbd does not support in an arm"
+            what = f"{what}; choose another base or body, or change the joint"
+            raise RobotError.at(urdf.path, what, joint=joint.name)
     return movable
 
 

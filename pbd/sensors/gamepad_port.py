@@ -75,11 +75,8 @@ class GamepadPort(ByteSource):
         except (OSError, ValueError) as reason:  # OSError: ENODEV; ValueError: another thread closed the device
             if data:
                 return data
-            raise SensorError(
-                f"{self.device} is gone: the gamepad was unplugged, or fell asleep; connect it again",
-                path=self.device,
-                lost=True,
-            ) from reason
+            what = f"{self.device} is gone: the gamepad was unplugged, or fell asleep; connect it again"
+            raise SensorError(what, path=self.device, lost=True) from reason
         return data
 
     def close(self) -> None:
@@ -109,12 +106,9 @@ class GamepadPort(ByteSource):
             acc_per_g = acc_per_g or resolution
             pad = PADS.get(acc_per_g)
             if pad is None or resolution != (acc_per_g if axis < 3 else pad.gyro_per_deg_s):
-                raise SensorError(
-                    f"{self.device} counts {resolution} for a unit of axis {axis}: it is the motion sensor of no "
-                    "DualSense, DualShock 4, Joy-Con or Switch Pro Controller; name another --port",
-                    path=self.device,
-                    value=resolution,
-                )
+                what = f"{self.device} counts {resolution} for a unit of axis {axis}: it is the motion sensor of no"
+                what = f"{what} DualSense, DualShock 4, Joy-Con or Switch Pro Controller; name another --port"
+                raise SensorError(what, path=self.device, value=resolution)
             if fuzz:
                 self._fuzz[axis] = info
                 fcntl.ioctl(self._motion, _ioctl_request(True, 0xC0 + axis), ABSINFO.pack(*values, 0, flat, resolution))

@@ -70,13 +70,11 @@ class LineLayout:
         object.__setattr__(self, "lines", tuple(self.lines))
         object.__setattr__(self, "units", MappingProxyType(dict(self.units)))
         if len(self.separator) != 1 or not self.separator.isascii() or self.separator in "+-.0123456789eE\r\n":
-            raise UsageError(
-                f"separator {self.separator!r} is not a single character; give one such as , ; space or tab"
-            )
+            what = f"separator {self.separator!r} is not a single character"
+            raise UsageError(f"{what}; give one such as , ; space or tab")
         if self.wrap is not None and not (isfinite(self.wrap) and self.wrap >= 0.0):
-            raise UsageError(
-                f"wrap {self.wrap} must be in t's unit; give a number above 0, or 0 for a clock without end"
-            )
+            what = f"wrap {self.wrap} must be in t's unit"
+            raise UsageError(f"{what}; give a number above 0, or 0 for a clock without end")
         for quantity in self.units:
             self.factor(quantity)
         lines = [[name.removeprefix("-") for name in line.columns] for line in self.lines]
@@ -90,11 +88,9 @@ class LineLayout:
         text = self.units.get(quantity, next(iter(UNITS[quantity])))
         factor = unit_factor(quantity, text)
         if factor is None:
-            raise UsageError(
-                f"{text!r} is not a unit of {quantity}; give one of {', '.join(UNITS[quantity])}, with a number "
-                "before it if needed" + "; reverse signs in --columns, as -ax,-ay,-az" * text.startswith("-"),
-                value=text,
-            )
+            what = f"{text!r} is not a unit of {quantity}; give one of {', '.join(UNITS[quantity])}"
+            sign = "; reverse signs in --columns, as -ax,-ay,-az" * text.startswith("-")
+            raise UsageError(f"{what}, with a number before it if needed{sign}", value=text)
         return factor
 
     @property
@@ -125,10 +121,8 @@ def _check_columns(lines: list[list[str]]) -> None:
         for three in (QUANTITIES["acc"], QUANTITIES["gyr"], QUANTITIES["mag"], angles):
             missing = [name for name in three if name not in line]
             if 0 < len(missing) < 3:
-                raise UsageError(
-                    f"{', '.join(missing)} is missing in a line that has others of its kind; add it, or name those _",
-                    value=missing,
-                )
+                what = f"{', '.join(missing)} is missing in a line that has others of its kind"
+                raise UsageError(f"{what}; add it, or name those _", value=missing)
         if not set(line) - {"t", "_"}:
             raise UsageError("a line has no column but t or _; remove it")
 

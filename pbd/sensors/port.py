@@ -57,10 +57,8 @@ class Port(ByteSource):
             self._serial.write(data)
             self._serial.flush()
         except (OSError, termios.error) as reason:
-            raise SensorError(
-                f"{self.device} takes no command ({reason.args[-1]}); unplug the {self._what} and plug it in again",
-                path=self.device,
-            ) from reason
+            what = f"{self.device} takes no command ({reason.args[-1]})"
+            raise SensorError(f"{what}; unplug the {self._what} and plug it in again", path=self.device) from reason
 
     def clear(self) -> None:
         """Drop the bytes that have come but were not read; SensorError: the device was unplugged."""

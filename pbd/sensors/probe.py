@@ -140,18 +140,14 @@ def find_baud(port: Port, make: Callable[[], Decoder], sensor: str) -> int:
             return baud
     tried, count = ", ".join(map(str, heard)), sum(map(len, heard.values()))
     if count == 0:
-        raise SensorError(
-            f"{port.device} is silent (tried {tried} baud); check that the sensor is on and sends by itself",
-            path=port.device,
-        )
+        what = f"{port.device} is silent (tried {tried} baud); check that the sensor is on and sends by itself"
+        raise SensorError(what, path=port.device)
     identified = next((data for data in heard.values() if identify_protocol(data) or printed_line(data)), b"")
     decoder = make()
     decoder.feed(identified)
-    raise SensorError(
-        f"{amount(count, 'byte')} came from {port.device}, but no whole packet of {sensor} (tried {tried} baud): "
-        f"{describe_bytes(identified, None, sensor, decoder.tally.last_fault)}",
-        path=port.device,
-    )
+    what = f"{amount(count, 'byte')} came from {port.device}, but no whole packet of {sensor} (tried {tried} baud)"
+    what = f"{what}: {describe_bytes(identified, None, sensor, decoder.tally.last_fault)}"
+    raise SensorError(what, path=port.device)
 
 
 def probe(port: Port) -> ProbeResult:

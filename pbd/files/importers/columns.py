@@ -165,12 +165,9 @@ def _unit(
     sign = -1.0 if unit.startswith("-") else 1.0
     unit = unit.removeprefix("-")
     if unit_factor(channel, unit) is None:
-        raise (UsageError if by == "--unit" else RecordingError).at(
-            path,
-            f"the unit '{printable(given)}' of column '{printable(name)}' is not known; give one of "
-            f"{', '.join(UNITS[channel])} with --unit {channel}=UNIT" + ", or --rate HZ" * (channel == "t"),
-            value=given,
-        )
+        what = f"the unit '{printable(given)}' of column '{printable(name)}' is not known; give one of"
+        what += f" {', '.join(UNITS[channel])} with --unit {channel}=UNIT" + ", or --rate HZ" * (channel == "t")
+        raise (UsageError if by == "--unit" else RecordingError).at(path, what, value=given)
     return sign, next((name for name in UNITS[channel] if name.lower() == unit), unit), by
 
 
@@ -197,12 +194,9 @@ def _refuse_not_understood(path: Path, unread: Mapping[str, str]) -> None:
         if alike:
             look, are, them = ("looks", "is", "it") if len(alike) == 1 else ("look", "are", "them")
             column = f"--column {letter}x={shlex.quote(printable(alike[0]))}"
-            raise RecordingError.at(
-                path,
-                f"{listed(alike)} {look} like {'a gyro' if letter == 'g' else 'inertial data'}, but {are} not "
-                f"understood; import it with {column} and its like, or remove {them}",
-                value=alike[0],
-            )
+            what = f"{listed(alike)} {look} like {'a gyro' if letter == 'g' else 'inertial data'}, but {are} not"
+            what = f"{what} understood; import it with {column} and its like, or remove {them}"
+            raise RecordingError.at(path, what, value=alike[0])
 
 
 def with_source(

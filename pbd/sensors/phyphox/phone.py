@@ -82,11 +82,8 @@ class PhonePort(ByteSource):
             self.model = printable(model)[:40].strip() if isinstance(model, str) else ""
             read_clock_events(read_answer(self._get("/time")))
         except ValueError:
-            raise SensorError(
-                f"phyphox on {self.device} does not report its times (/time), as version 1.1.8 and later do: update "
-                "the app",
-                path=self.device,
-            ) from None
+            what = f"phyphox on {self.device} does not report its times (/time), as version 1.1.8 and later do"
+            raise SensorError(f"{what}: update the app", path=self.device) from None
         if not self._last_events:
             for kind, names in BUFFERS.items():
                 with suppress(TypeError, KeyError, IndexError, OverflowError):
