@@ -152,7 +152,7 @@ def _read_items(payload: bytes) -> dict[str, Any] | None:
 
 def _attitude(numbers: tuple[float, ...], frame: int) -> tuple[float, ...]:
     """Convert a quaternion, or angles in deg, in any of the three frames to roll, pitch, yaw in east-north-up, rad."""
-    if not any(numbers) and len(numbers) == 4:
+    if len(numbers) == 4 and not any(n * n for n in numbers):
         return (nan,)  # a zero quaternion is no rotation
     rpy = scaled(numbers, DEG) if len(numbers) == 3 else rpy_from_quaternion(*numbers)
     if frame == NED:  # only the earth's frame is rotated, not the sensor's: undo half a turn of roll
