@@ -51,6 +51,5 @@ def find(kind: str, name: str | Path, error: type[PbdError]) -> Path:
 
 
 def _entries(folder: Path, kind: str) -> list[Path]:
-    """Return the files or folders of a kind in a folder."""
     found = folder.glob("*.toml") if SUFFIXES[kind] else (path.parent for path in folder.glob("*/demo.toml"))
     return sorted(found)

@@ -239,7 +239,6 @@ class Section:
 
 
 def _shown(value: object) -> str:
-    """Format a value for a message."""
     try:
         return printable(repr(value))
     except ValueError:

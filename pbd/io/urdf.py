@@ -160,7 +160,6 @@ def kinematics_xml(path: Path) -> str:
 
 
 def _check_link_part(path: Path, link: ET.Element, part: ET.Element) -> None:
-    """Check an <inertial>, a <visual> or a <collision>."""
     for inner in part.iter():
         _check_attributes(path, link, inner)
     solids = [solid.tag for solid in part.findall("geometry/*")]

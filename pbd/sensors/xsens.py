@@ -43,7 +43,7 @@ ITEMS = {0x1020: ("counter", Struct(">H")), 0x1060: ("ticks", Struct(">I"))} | {
     for precision, code in enumerate(("f", "i", "Ih", "d"))
     for identifier, (what, count) in _VALUES.items()
 }
-"""Identifier -> the quantity, and its numbers on the wire. A fixed 16.32 is a uint32 fraction, then an int16."""
+"""Identifier -> the quantity, and its numbers on the wire."""
 
 
 class XsensDecoder(PacketDecoder):
@@ -140,9 +140,9 @@ def _read_items(payload: bytes) -> dict[str, Any] | None:
             if size != layout.size or at + size > end:
                 return None
             numbers = layout.unpack_from(payload, at)
-            if identifier & 3 == 1:
+            if identifier & 3 == 1:  # fixed 12.20
                 numbers = tuple(raw * 2.0**-20 for raw in numbers)
-            elif identifier & 3 == 2:
+            elif identifier & 3 == 2:  # fixed 16.32: each a uint32 fraction, then an int16
                 numbers = tuple(n + part * 2.0**-32 for part, n in zip(numbers[::2], numbers[1::2], strict=True))
             found[what] = numbers = _attitude(numbers, identifier & 0xC) if what == "rpy" else numbers
             total += sum(numbers)

@@ -136,7 +136,6 @@ def _experiment_clock(path: Path, files: Files) -> PausedClock:
 
 
 def _read_named(request: Request, files: Files) -> Demonstration | None:
-    """Read the sensors that the names of files tell."""
     path, is_csv = request.path, request.is_csv
     recordings: dict[str, dict[str, Part]] = {}
     for name in files:
