@@ -55,7 +55,7 @@ def read_robot(path: Path, *, draft: bool = False) -> Robot:
             limit is missing, not above zero, or above the URDF's; home is outside the limits.
     """
     if path.suffix.lower() in (".urdf", ".xacro"):
-        raise RobotError(f"{path}: a URDF needs a TOML beside it: docs/robots.md, 'Add an arm'", path=path)
+        raise RobotError.at(path, "a URDF needs a TOML beside it: docs/robots.md, 'Add an arm'")
     top = read_toml(path, RobotError)
     top.require_format()
     name, description, notes = top.text("name"), top.text("description"), top.texts("notes", ())

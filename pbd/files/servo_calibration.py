@@ -88,10 +88,9 @@ def find_servo_calibration(named: Path | None, robot: str, robot_type: str) -> P
     if found:
         what = f"LeRobot has calibrated several arms ({listed(path.stem for path in found)}): name one,"
         raise CalibrationError(f"{what} --servos {found[0]}", path=folder)
-    what = f"no calibration of the servos: there is no {own}, and LeRobot has none in {folder / robot_type};"
-    raise CalibrationError(
-        f"{what} make one with `pbd run --calibrate --robot {robot}`, or name its file with --servos"
-    )
+    what = f"no calibration of the servos: there is no {own}, and LeRobot has none in {folder / robot_type}"
+    make = f"make one with `pbd run --calibrate --robot {robot}`"
+    raise CalibrationError(f"{what}; {make}, or name its file with --servos")
 
 
 def own_servo_calibration(robot: str) -> Path:
@@ -124,4 +123,4 @@ def _servo(path: Path, joint: str, value: Any) -> ServoCalibration:
 
 
 def _wrong(path: Path, what: str) -> CalibrationError:
-    return CalibrationError(f"{path}: {what}; make it anew with `pbd run --calibrate`", path=path)
+    return CalibrationError.at(path, f"{what}; make it anew with `pbd run --calibrate`")

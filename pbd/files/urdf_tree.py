@@ -61,7 +61,7 @@ class Urdf:
         while body != base:
             if body not in above:
                 last = chain[0].child if chain else body
-                raise RobotError(f"{self.path}: no joints lead from {base!r} to {last!r}; choose another base")
+                raise RobotError.at(self.path, f"no joints lead from {base!r} to {last!r}; choose another base")
             chain.append(above[body])
             body = above[body].parent
         return tuple(reversed(chain))

@@ -97,9 +97,9 @@ def read_xml(path: Path) -> ET.Element:
         parser.Parse(data, True)
         root: ET.Element = tree.close()
     except (ET.ParseError, expat.ExpatError) as reason:
-        raise RobotError(f"{path}: not valid XML: {reason}; correct it", path=path) from None
+        raise RobotError.at(path, f"not valid XML: {reason}; correct it") from None
     except (ValueError, LookupError) as reason:  # the parser does not know the encoding
-        raise RobotError(f"{path}: not valid XML: {reason}; save it as UTF-8", path=path) from None
+        raise RobotError.at(path, f"not valid XML: {reason}; save it as UTF-8") from None
     return root
 
 

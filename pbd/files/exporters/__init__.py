@@ -112,9 +112,8 @@ def check_suffix(format_name: str, path: Path) -> None:
     """Refuse (UsageError) a file whose name ends as another format's does."""
     by_ending = SUFFIXES.get(suffix := path.suffix.lower())
     if by_ending not in (format_name, None) and suffix not in FORMATS[format_name].other_suffixes:
-        raise UsageError(
-            f"{path} looks like {by_ending}, but the format is {format_name}; name another file, or another format"
-        )
+        what = f"{path} looks like {by_ending}, but the format is {format_name}"
+        raise UsageError(f"{what}; name another file, or another format")
 
 
 def export(

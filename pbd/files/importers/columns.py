@@ -266,7 +266,7 @@ def remapped(
         factor = unit_factor(channel, unit) if channel in read else None
         if factor is None:
             known = f"give one of {', '.join(UNITS[channel])}" if channel in read else f"give it for {', '.join(read)}"
-            raise UsageError(f"{path}: the unit {channel}={printable(given)} is not known here; {known}", value=given)
+            raise UsageError.at(path, f"the unit {channel}={printable(given)} is not known here; {known}", value=given)
         for k, ours in enumerate(CHANNELS[channel]):
             column = by_ours[ours, ""]
             changed[channel][:, k] *= sign * factor / (unit_factor(channel, column.unit) or 1.0)

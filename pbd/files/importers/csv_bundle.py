@@ -41,8 +41,8 @@ def _files_in_zip(path: Path) -> Files:
     try:
         archive = zipfile.ZipFile(io.BytesIO(data))
     except (zipfile.BadZipFile, OSError, ValueError) as reason:
-        what = f"{path}: the zip is damaged or cut off ({in_words(reason)}); copy or export it again"
-        raise RecordingError(what, path=path) from None
+        what = f"the zip is damaged or cut off ({in_words(reason)}); copy or export it again"
+        raise RecordingError.at(path, what) from None
     files: Files = {}
     for member in archive.infolist():
         place = PurePosixPath(member.filename)
