@@ -164,7 +164,7 @@ def unwritable(path: Path, reason: OSError, error: type[PbdError], other: str = 
     """Make the error for a path that can't be written; it ends with "give another `other`"."""
     if reason.errno == errno.ENOENT and not path.is_absolute() and in_deleted_folder():
         return error(f"{path} can't be written: {DELETED}", path=path)
-    why = in_words(reason)
+    why = "another program made it meanwhile" if reason.errno == errno.ENOTEMPTY else in_words(reason)
     if reason.errno in (errno.EEXIST, errno.ENOTDIR):
         in_the_way = next((each for each in (path, *path.parents) if exists(each) and not is_folder(each)), None)
         if in_the_way is not None:
