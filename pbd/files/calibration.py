@@ -88,7 +88,7 @@ def _covariance(section: Section | None) -> Array | None:
     """
     if section is None:
         return None
-    sigma_m, sigma_deg = section.numbers("sigma_m", 3, None), section.numbers("sigma_deg", 3, None)
+    sigma_m, sigma_deg = section.sigmas("sigma_m", None), section.sigmas("sigma_deg", None)
     if "covariance" in section:
         cov = np.reshape(section.numbers("covariance", 36), (6, 6))
         if not np.allclose(cov, cov.T) or np.linalg.eigvalsh(cov).min() < -1e-9:
@@ -116,7 +116,7 @@ def _linear(section: Section) -> LinearErrors:
     matrix = np.reshape(section.numbers("matrix", 9, (1, 0, 0, 0, 1, 0, 0, 0, 1)), (3, 3))
     if np.linalg.det(matrix) < LEAST_DETERMINANT:
         section.fail("matrix", "must be near the unit matrix")
-    sigma = section.numbers("bias_sigma", 3, (np.nan, np.nan, np.nan))
+    sigma = section.sigmas("bias_sigma", (np.nan, np.nan, np.nan))
     matrix_sigma = section.number("matrix_sigma", np.nan, positive=True)
     return LinearErrors(np.array(section.numbers("bias", 3)), matrix, np.array(sigma), matrix_sigma)
 

@@ -37,9 +37,11 @@ Claim = TypeVar("Claim", Place, Contact)
 def load_demo(name: str | Path, edited: bool = True) -> Demonstration:
     """Load a demonstration: a name (./demos, then the bundled ones), a folder, or a file that an importer knows.
 
+    Args:
+        edited: read keyframes.toml too, whose keyframes replace those that tracking finds.
+
     Raises:
-        RecordingError: none has that name (the valid names are listed), or it can't be read: keyframes.toml too,
-            if `edited`.
+        RecordingError: none has that name (the valid names are listed), or it can't be read.
     """
     path = find("demos", name, RecordingError)
     if path.is_dir():

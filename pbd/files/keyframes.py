@@ -196,17 +196,14 @@ def _read_keyframe(section: Section) -> Keyframe:
     if dwell < 0.0:
         section.fail("dwell_s", f"must not be below zero, got {dwell:g}")
     T_nav_sensor = read_pose(section, "position_m", FARTHEST_M)
-    sigma = {key: np.array(section.numbers(key, 3, (0.0, 0.0, 0.0))) for key in ("sigma_m", "sigma_deg")}
-    for key, values in sigma.items():
-        if (values < 0.0).any():
-            section.fail(key, "must not be below zero")
+    sigma_m, sigma_deg = (section.sigmas(key, (0.0, 0.0, 0.0)) for key in ("sigma_m", "sigma_deg"))
     tolerance = section.numbers("tolerance_m", 3, None, positive=True, within=LARGEST_NUDGE_M)
     tolerance_deg = section.number("tolerance_deg", None, positive=True, within=FULL_TURN_DEG)
     return Keyframe(
         t=section.number("t_s"),
         dwell_s=dwell,
         T_nav_sensor=T_nav_sensor,
-        cov=np.diag(np.square([*sigma["sigma_m"], *np.radians(sigma["sigma_deg"])])),
+        cov=np.diag(np.square([*sigma_m, *np.radians(sigma_deg)])),
         grip=grip,
         label=section.text("label", ""),
         tolerance_m=None if tolerance is None else np.array(tolerance),

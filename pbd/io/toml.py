@@ -11,7 +11,7 @@ import math
 import re
 import tomllib
 from collections.abc import Callable, Mapping
-from datetime import UTC, datetime
+from datetime import UTC, date, datetime
 from pathlib import Path
 from typing import Any, NoReturn, TypeVar
 
@@ -58,8 +58,8 @@ def parse_toml(path: Path, text: str, error: type[PbdError]) -> Section:
 
 def instant_of(created: str) -> datetime:
     """Return the instant of a date in ISO 8601, which is UTC where it names no time zone."""
-    date = datetime.fromisoformat(created)
-    return date if date.tzinfo is not None else date.replace(tzinfo=UTC)
+    instant = datetime.fromisoformat(created)
+    return instant if instant.tzinfo is not None else instant.replace(tzinfo=UTC)
 
 
 def utc_now() -> str:
@@ -114,10 +114,11 @@ class Section:
         return text
 
     def date(self, key: str, default: T = _REQUIRED) -> str | T:
-        """Return a string that is a date and time in ISO 8601."""
+        """Return a date and time in ISO 8601: in the file a string, or TOML's own without quotes."""
         rule = "must be a date and time such as 2026-05-01T12:00:00Z, got {}"
-        date: str | T = self._get(key, rule, _is_date, default)
-        return date
+        given = self._get(key, rule, _is_date, default)
+        text: str | T = given.isoformat() if isinstance(given, date) else given
+        return text
 
     def texts(self, key: str, default: T = _REQUIRED) -> tuple[str, ...] | T:
         """Return a list of strings."""
@@ -159,6 +160,13 @@ class Section:
             comma = len(values) > count and self._source.has_decimal_comma(self.line(key))
             self.fail(key, f"must have {count} numbers, got {len(values)}", DECIMAL_POINTS if comma else "correct it")
         return self._bounded(key, values, positive, within)
+
+    def sigmas(self, key: str, default: T = _REQUIRED) -> tuple[float, ...] | T:
+        """Return three standard deviations; each may be zero."""
+        values: tuple[float, ...] | T = self.numbers(key, 3, default)
+        if isinstance(values, tuple) and min(values) < 0.0:
+            self.fail(key, f"must not be below zero, got {_shown(list(values))}")
+        return values
 
     def length(self, key: str) -> float | None:
         """Return a length or a coordinate, m, or None. One beyond any arm's reach is refused: it is not in metres."""
@@ -251,7 +259,7 @@ def _is_table(value: object) -> bool:
 
 def _is_date(value: object) -> bool:
     try:
-        return isinstance(value, str) and bool(datetime.fromisoformat(value))
+        return isinstance(value, date) or (isinstance(value, str) and bool(datetime.fromisoformat(value)))
     except ValueError:
         return False
 

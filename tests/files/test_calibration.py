@@ -131,6 +131,7 @@ def test_keys_that_the_default_comments_out_are_valid(tmp_path: Path) -> None:
             f"{MOUNT}covariance = {[1e-6] * 6 + [2e-6] * 30}\n",
             ":13: [mount] covariance is not a covariance (symmetric, positive); remove it, or calibrate again",
         ),
+        (MOUNT, MOUNT + "sigma_m = [0, -1, 0]\n", ":13: [mount] sigma_m must not be below zero, got [0.0, -1.0, 0.0]"),
         (MOUNT, MOUNT + MIRRORED, ":17: [sensor.gyr] matrix must be near the unit matrix"),
         (DOCK, DOCK + NAV, ":6: dock and [nav] can't both be given; remove one"),
         ('"lamp"', '"shelf"', ":20: [obstacle] name 'shelf' is another obstacle's too; rename one of them"),

@@ -234,7 +234,7 @@ def test_a_folder_that_another_program_makes_meanwhile_stays(tmp_path: Path) -> 
             folder.mkdir()
             (folder / "theirs").touch()
 
-    with pytest.raises(RecordingError, match="can't be written"):
+    with pytest.raises(RecordingError, match=r"can't be written \(another program made it meanwhile\)"):
         race(tmp_path / "tea")
     assert [file.name for file in tmp_path.rglob("*")] == ["tea", "theirs"]
 
@@ -323,6 +323,14 @@ def test_a_fault_in_demo_toml_is_named_with_its_line(tmp_path: Path, line: str, 
     with pytest.raises(RecordingError) as caught:
         read_demo(tmp_path / "tea")
     assert caught.value.message.startswith(f"{file}{message}")
+
+
+def test_a_date_may_stand_without_quotes(tmp_path: Path) -> None:
+    """TOML has a type of its own for dates, which a person who edits the file may use."""
+    write_demo(still(), tmp_path / "tea")
+    file = tmp_path / "tea" / "demo.toml"
+    file.write_text(f"created = 2026-05-01T12:00:00Z\n{file.read_text()}")
+    assert read_demo(tmp_path / "tea").recording.info.created == "2026-05-01T12:00:00+00:00"
 
 
 KNOWN = """
