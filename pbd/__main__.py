@@ -26,6 +26,10 @@ def main() -> int:
         from pbd.cli import main as run_command
 
         return run_command()
+    except RuntimeError as error:
+        if not isinstance(error.__cause__, KeyboardInterrupt):
+            raise
+        return 130  # Python 3.11 wraps a Ctrl-C that comes while a class is being made
     except KeyboardInterrupt as stop:
         return 128 + (stop.args or [signal.SIGINT])[0]
 

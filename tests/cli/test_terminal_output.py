@@ -93,10 +93,20 @@ def test_ctrl_c_is_one_line(monkeypatch: pytest.MonkeyPatch, capsys: Capture) ->
     assert capsys.readouterr() == ("", "pbd: stopped by Ctrl-C\n")
 
 
-@pytest.mark.parametrize("module", ["argparse", "uuid"])
-def test_ctrl_c_while_the_command_line_is_loaded_is_no_traceback(tmp_path: Path, module: str) -> None:
+STOP = "raise KeyboardInterrupt"
+STOP_IN_A_CLASS = f"""
+class Name:
+    def __set_name__(self, *_):
+        {STOP}
+class Named:
+    name = Name()
+"""
+
+
+@pytest.mark.parametrize(("module", "text"), [("argparse", STOP), ("argparse", STOP_IN_A_CLASS), ("uuid", STOP)])
+def test_ctrl_c_while_the_command_line_is_loaded_is_no_traceback(tmp_path: Path, module: str, text: str) -> None:
     """orjson crashes if Ctrl-C comes while it imports uuid, so that is imported before."""
-    (tmp_path / f"{module}.py").write_text("raise KeyboardInterrupt")
+    (tmp_path / f"{module}.py").write_text(text)
     environment = os.environ | {"PYTHONPATH": os.pathsep.join((str(tmp_path), str(Path(__file__).parents[2])))}
     command = [sys.executable, "-m", "pbd", "simulate", "pour", "tea"]
     done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
