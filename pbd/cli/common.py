@@ -40,7 +40,7 @@ def load_demonstration(name: str | None, edited: bool = True) -> Demonstration:
 
     Without a name load the newest, and say which it is, with a person's notes.
     """
-    wanted = name or newest_demo()
+    wanted = newest_demo() if name is None else name
     with working(f"reading {wanted}"):
         demo = load_demo(wanted, edited)
     if name is None:

@@ -72,6 +72,22 @@ def test_every_command_speaks_so(capsys: Capture, command: str) -> None:
     assert err.endswith(f"see {command} --help\n")
 
 
+@pytest.mark.parametrize(
+    ("command", "name"),
+    [("keyframes", "DEMO"), ("keyframes pouring --calibration", "--calibration"), ("plot --save", "--save")],
+)
+def test_an_empty_word_is_not_taken_as_left_out(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture, command: str, name: str
+) -> None:
+    """A script whose variable is unset must not get the newest demonstration, or another dock."""
+    monkeypatch.chdir(tmp_path)
+    code, err = told(capsys, *command.split(), "")
+    assert (code, err.partition(": ")[2].partition(";")[0]) == (
+        2,
+        f"argument {name}: is empty: give a value, or leave it out",
+    )
+
+
 FULL = "pbd: standard output can't be written (No space left on device); send it elsewhere"
 
 

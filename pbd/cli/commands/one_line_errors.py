@@ -64,6 +64,13 @@ class Parser(argparse.ArgumentParser):
         else:
             super()._print_message(message, file)
 
+    def _get_value(self, action: argparse.Action, arg_string: str) -> Any:
+        """Refuse "", which an unset variable of a shell gives: it would count as left out."""
+        value = super()._get_value(action, arg_string)
+        if arg_string == "" != action.default and action.nargs != argparse.PARSER:  # a command's words are its parser's
+            raise argparse.ArgumentError(action, "is empty: give a value, or leave it out")
+        return value
+
     def _check_value(self, action: argparse.Action, value: Any) -> None:
         if action.choices is not None and value not in action.choices:
             known = [str(choice) for choice in action.choices]
