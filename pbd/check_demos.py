@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from pbd.data import Calibration, Robot
-from pbd.errors import PbdError, WrongTypeError, collected_warnings, is_whole_number, require_kind
+from pbd.errors import PbdError, WrongTypeError, WrongValueError, collected_warnings, is_whole_number, require_kind
 from pbd.files.demo import load_demo
 from pbd.fusion.matching import MATCH_M
 from pbd.pipeline import track
@@ -85,7 +85,7 @@ def check_all(
     Args:
         demos: names, folders or files, as `pbd.load_demo` takes them.
         robot: name or file of a robot; each demonstration is also planned for it, on its own dock.
-        jobs: number of processes; None: one, or what `joblib.parallel_config` says.
+        jobs: number of processes, -1 for one per core; None: one, or what `joblib.parallel_config` says.
         done: called after each demonstration, with the number of those done.
         accept_gap: as `pbd.track` takes it.
 
@@ -95,6 +95,7 @@ def check_all(
     Raises:
         RobotError, CalibrationError: the robot or its calibration can't be loaded.
         WrongTypeError: a single name instead of a list; its letters would be taken for names.
+        WrongValueError: `jobs` is 0.
         PbdError: one of the processes was killed.
     """
     from concurrent.futures.process import BrokenProcessPool
@@ -107,6 +108,8 @@ def check_all(
         raise WrongTypeError(f"check_all takes a list of demonstrations: check_all([{str(demos)!r}])")
     require_kind("demos", demos, "a list of demonstrations' names", isinstance(demos, Iterable))
     require_kind("jobs", jobs, "a whole number", jobs is None or is_whole_number(jobs))
+    if jobs == 0:
+        raise WrongValueError("jobs must be 1 or more, or -1 for one process per core, got 0", value=jobs)
     arm = None if robot is None else load_robot_and_calibration(robot)
     names = list(map(str, demos))
     jobs = None if jobs is None else min(jobs, len(names) or 1)  # joblib starts as many processes as it is told

@@ -14,6 +14,7 @@ from pbd import check_all
 from pbd.check_demos import DemoCheck, check_one, compare_siblings
 from pbd.cli import main
 from pbd.data import Demonstration
+from pbd.errors import WrongValueError
 from pbd.files.demo import load_demo, write_demo
 from pbd.pose import quat_about_z, quat_rotate
 from pbd.simulation.hand_motion import Waypoint
@@ -80,6 +81,11 @@ def test_no_process_is_started_without_a_demonstration(takes: list[str], monkeyp
     monkeypatch.setattr(joblib, "Parallel", parallel)
     check_all(takes[:2], jobs=200)
     assert started == [2]
+
+
+def test_no_jobs_at_all_are_refused() -> None:
+    with pytest.raises(WrongValueError, match="jobs must be 1 or more, or -1 for one process per core, got 0"):
+        check_all(["pouring"], jobs=0)
 
 
 def test_a_killed_process_is_told_in_one_line(monkeypatch: pytest.MonkeyPatch, capsys: Capture) -> None:

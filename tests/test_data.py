@@ -16,6 +16,7 @@ from numpy.polynomial import Polynomial
 from numpy.testing import assert_allclose, assert_array_equal
 
 import pbd
+from pbd.arm.motion_request import Segment
 from pbd.data import (
     TOOL_DOWN,
     Calibration,
@@ -124,6 +125,10 @@ def test_frozen_for_real(name: str, field: str) -> None:
             getattr(each, field)[...] = 9.0
     with pytest.raises(FrozenInstanceError):
         setattr(value, field, arrays[field])
+
+
+def test_a_moves_joints_are_read_only() -> None:
+    assert not pickle.loads(pickle.dumps(Segment("straight", np.zeros((1, K))))).q.flags.writeable
 
 
 @pytest.mark.parametrize(("name", "field"), EACH_ARRAY)

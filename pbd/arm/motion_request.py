@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 from pbd.arm.collision.scene import Hit
 from pbd.arm.tool_deviation import ToolDeviation
+from pbd.frozen_arrays import Frozen, readonly
 from pbd.pose import Array, Pose
 
 STRAIGHT, LINE, DEMO, DETOUR = "straight", "line", "demo", "detour"
@@ -43,7 +44,7 @@ class MotionRequest:
 
 
 @dataclass(frozen=True, eq=False)
-class Segment:
+class Segment(Frozen):
     """The move to a keyframe.
 
     Attributes:
@@ -59,6 +60,9 @@ class Segment:
     off_line_m: float = 0.0
     avoided: Hit | None = None
     wide: ToolDeviation | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "q", readonly(self.q))
 
     @property
     def curved(self) -> bool:
