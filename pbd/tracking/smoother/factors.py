@@ -100,7 +100,7 @@ def _add_legs(
         (STATE_GYR_BIAS, x.gyr_bias, noise.sensor.gyr_walk, fixed.components[3]),
         (STATE_ACC_BIAS, x.acc_bias, noise.sensor.acc_walk, fixed.components[4]),
     ):
-        equations.add_pairs(block, np.diff(values, axis=0), 1.0 / (k * walk**2 * T))
+        equations.add(np.diff(values, axis=0), 1.0 / (k * walk**2 * T), (1, block, 1.0), (0, block, -1.0))
 
 
 def pivot_velocity(problem: Problem, x: State) -> tuple[Array, Array]:
@@ -119,18 +119,14 @@ def _add_stops(equations: NormalEquations, problem: Problem, x: State, fixed: Fi
     variance = fixed.components[5] * problem.still_sigma**2 + (anneal**2 - 1.0) * noise.still_speed**2
     v, swing = pivot_velocity(problem, x)
     still = robust_weights(squares(v) / variance) * (problem.stop_of >= 0)
-    equations.add_unary(VEL, v, still / variance)
-    equations.add_by_turn(VEL, SHARED_PIVOT, skew(x.v), swing, v, still / variance)
-    equations.add_shared(VEL, SHARED_PIVOT, slice(None), swing, v, still / variance)
+    equations.add(v, still / variance, (0, VEL, 1.0), (0, ROT, skew(x.v)), (None, SHARED_PIVOT, swing))
     swing, sigma_shift = -np.diff(R, axis=0), anneal * noise.still_shift
     shift = np.diff(x.p, axis=0) + swing @ x.shared[SHARED_PIVOT]
     stay = np.maximum(robust_weights(squares(shift) / sigma_shift**2), problem.stood) * within
-    equations.add_pairs(POS, shift, stay / sigma_shift**2)
-    equations.add_shared(POS, SHARED_PIVOT, slice(1, None), swing, shift, stay / sigma_shift**2)
-    equations.border[:-1, POS, SHARED_PIVOT] -= (stay / sigma_shift**2)[:, None, None] * swing
+    equations.add(shift, stay / sigma_shift**2, (1, POS, 1.0), (0, POS, -1.0), (None, SHARED_PIVOT, swing))
     turned = matrix_log(R[1:] @ R[:-1].transpose(0, 2, 1))
     same_attitude = np.maximum(robust_weights(squares(turned) / problem.turn_sigma**2), problem.stood) * within
-    equations.add_pairs(ROT, turned, same_attitude / problem.turn_sigma**2)
+    equations.add(turned, same_attitude / problem.turn_sigma**2, (1, ROT, 1.0), (0, ROT, -1.0))
     return still
 
 
@@ -145,7 +141,7 @@ def _add_reach(equations: NormalEquations, problem: Problem, x: State, still: ND
     count = np.concatenate(([0], np.cumsum(still)))
     bounded = count[np.searchsorted(t, t + half, side="right")] > count[np.searchsorted(t, t - half)]
     near = problem.duration / reach**2 / (1.0 + squares(x.p) / (anneal**2 * reach) ** 2)
-    equations.add_unary(POS, x.p, near * ~bounded)
+    equations.add(x.p, near * ~bounded, (0, POS, 1.0))
 
 
 def _add_compass(equations: NormalEquations, problem: Problem, field: Array, x: State, fixed: Fixed) -> None:
@@ -153,8 +149,7 @@ def _add_compass(equations: NormalEquations, problem: Problem, field: Array, x: 
     h = np.einsum("kij,kj->ki", x.E, field)
     east, jacobian, trust = compass_heading(h, fixed.strength, fixed.dip, problem.noise, fixed.azimuth)
     weight = trust * problem.duration / problem.noise.compass_heading**2
-    equations.diagonal[:, ROT, ROT] += weight[:, None, None] * jacobian[:, :, None] * jacobian[:, None, :]
-    equations.g[:, ROT] += (weight * east)[:, None] * jacobian
+    equations.add(east[:, None], weight, (0, ROT, jacobian[:, None]))
 
 
 def compass_heading(
@@ -181,21 +176,17 @@ def _add_device_attitude(equations: NormalEquations, problem: Problem, x: State)
     noise = problem.noise
     rate = lengths(problem.frame.gyr[problem.rows])
     sigma = np.hypot(noise.device_attitude, noise.device_lag * rate)
-    equations.add_unary(ROT, matrix_log(x.E), 1.0 / sigma**2)
+    equations.add(matrix_log(x.E), 1.0 / sigma**2, (0, ROT, 1.0))
 
 
 def _add_priors(equations: NormalEquations, problem: Problem, x: State, fixed: Fixed) -> None:
-    noise, sensor = problem.noise, problem.noise.sensor
-    first = np.zeros(len(problem.rows))
-    first[0] = 1.0
-    acc_factor = acc_sigma_factor(noise, problem.rest)
-    equations.add_unary(STATE_GYR_BIAS, x.gyr_bias, first / noise.gyr_bias**2)
-    equations.add_unary(STATE_ACC_BIAS, x.acc_bias, first / (acc_factor * sensor.acc_bias) ** 2)
-    at = np.zeros(len(problem.rows))
-    at[fixed.origin] = GAUGE_WEIGHT
-    equations.add_unary(POS, x.p, at)
+    noise, origin = problem.noise, fixed.origin
+    acc_bias = acc_sigma_factor(noise, problem.rest) * noise.sensor.acc_bias
+    equations.add(x.gyr_bias[:1], np.array([noise.gyr_bias**-2.0]), (0, STATE_GYR_BIAS, 1.0))
+    equations.add(x.acc_bias[:1], np.array([acc_bias**-2.0]), (0, STATE_ACC_BIAS, 1.0))
+    equations.add(x.p[origin : origin + 1], np.array([GAUGE_WEIGHT]), (origin, POS, 1.0))
     if problem.field is None and not problem.no_gyro:
-        equations.diagonal[fixed.origin, 2, 2] += GAUGE_WEIGHT
+        equations.diagonal[origin, 2, 2] += GAUGE_WEIGHT
     equations.corner += shared_prior(problem, x, fixed.prior)
 
 

@@ -11,7 +11,6 @@ import numpy as np
 
 from pbd.lapack import lapack
 from pbd.pose import Array
-from pbd.tracking.smoother.preintegration import ROT
 
 STATE_GYR_BIAS, STATE_ACC_BIAS = slice(9, 12), slice(12, 15)
 STATE = STATE_ACC_BIAS.stop
@@ -26,8 +25,9 @@ BAND = STATE + NEXT_STATE
 KNOTS_AT_ONCE = 128
 """Number of knots or legs per batch. With all their samples they fit into a processor's cache."""
 
-DIAGONAL_FLOOR = 1e-12
-"""Added to the scaled diagonal, so that rounding does not make it indefinite."""
+Term = tuple[int | None, slice, Array | float]
+"""Part of a factor: its first knot (None: shared by all), a block of unknowns, and the Jacobians (k, r, .) by these, or
+a multiple of the identity."""
 
 
 @dataclass(eq=False)
@@ -61,42 +61,21 @@ class NormalEquations:
         """Gradient (m, 15) with respect to the knots' unknowns."""
         return self.border[:, :, -1]
 
-    def add_unary(self, block: slice, residual: Array, weight: Array) -> None:
-        """Add a factor on each knot: residuals (m, 3) of a block of its unknowns, weights (m,)."""
-        i = np.arange(block.start, block.stop)
-        self.diagonal[:, i, i] += weight[:, None]
-        self.g[:, block] += weight[:, None] * residual
-
-    def add_by_turn(
-        self, block: slice, columns: slice, by_turn: Array, by_shared: Array, residual: Array, weight: Array
-    ) -> None:
-        """Add what a unary factor has in common with the rotation: Jacobians (m, 3, 3) by it and by shared unknowns."""
-        weighted = weight[:, None, None] * by_turn
-        transposed = weighted.transpose(0, 2, 1)
-        self.diagonal[:, block, ROT] += weighted
-        self.diagonal[:, ROT, block] += transposed
-        self.diagonal[:, ROT, ROT] += transposed @ by_turn
-        self.border[:, ROT, columns] += transposed @ by_shared
-        self.g[:, ROT] += np.einsum("kij,kj->ki", transposed, residual)
-
-    def add_pairs(self, block: slice, residual: Array, weight: Array) -> None:
-        """Add a factor on each pair of neighbours: residuals (m - 1, 3), next minus this, weights (m - 1,)."""
-        i = np.arange(block.start, block.stop)
-        weighted = weight[:, None] * residual
-        self.diagonal[:-1, i, i] += weight[:, None]
-        self.diagonal[1:, i, i] += weight[:, None]
-        self.below[:, i, i] -= weight[:, None]
-        self.g[:-1, block] -= weighted
-        self.g[1:, block] += weighted
-
-    def add_shared(
-        self, block: slice, columns: slice, at: slice, jacobian: Array, residual: Array, weight: Array
-    ) -> None:
-        """Add the shared unknowns' part of a factor on the knots `at`; its Jacobian (., 3, c) is by them."""
-        weighted = weight[:, None, None] * jacobian
-        self.border[at, block, columns] += weighted
-        self.corner[columns, columns] += np.tensordot(weighted, jacobian, axes=((0, 1), (0, 1)))
-        self.corner[columns, -1] += np.tensordot(weighted, residual, axes=((0, 1), (0, 1)))
+    def add(self, residual: Array, weight: Array, *terms: Term) -> None:
+        """Add a factor of k knots, or of each of them and the next: residuals (k, r), weights (k,), and its terms."""
+        k = len(residual)
+        for first, rows, jacobian in terms:
+            own = jacobian * np.eye(3)[None] if isinstance(jacobian, float) else jacobian
+            weighted = weight[:, None, None] * own.transpose(0, 2, 1)
+            for other, columns, by_other in (*terms, (None, slice(-1, None), residual[:, :, None])):
+                if other is None:
+                    block = self.corner if first is None else self.border[first : first + k]
+                elif first is None or first < other:
+                    continue
+                else:
+                    block = self.diagonal[first : first + k] if first == other else self.below[other : other + k]
+                added = weighted * by_other if isinstance(by_other, float) else weighted @ by_other
+                block[..., rows, columns] += added.sum(axis=0) if first is None else added
 
     def add_legs(self, jacobian: Array, at: int = 0) -> None:
         """Add legs that begin at the knots from `at` on: whitened Jacobian, residual last, (., r, 15 + 9 + s + 1)."""
@@ -126,7 +105,7 @@ class NormalEquations:
             below = self.below[knots].transpose(0, 2, 1) * own[: len(after), :, None] * after[:, None, :]
             columns[: len(after), :, STATE : 2 * STATE] = below
             band[_rows(knots)] = rows.reshape(-1, BAND + STATE)[:, :BAND]
-        band[:, 0] += DIAGONAL_FLOOR
+        band[:, 0] += 1e-12  # rounding must not make it indefinite
         cholesky, info = lapack().dpbtrf(band.T, lower=1, overwrite_ab=1)
         if info > 0:
             raise np.linalg.LinAlgError("the normal equations are not positive definite")

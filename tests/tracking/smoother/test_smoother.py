@@ -234,9 +234,15 @@ def test_normal_equations_are_solved_as_dense_ones(monkeypatch: pytest.MonkeyPat
     m, s = 6, 4
     equations = NormalEquations.empty(m, s)
     equations.add_legs(rng.normal(size=(m - 1, 40, BAND + s + 1)))
-    equations.add_pairs(STATE_GYR_BIAS, rng.normal(size=(m - 1, 3)), rng.uniform(1.0, 2.0, m - 1))
-    equations.add_unary(STATE_ACC_BIAS, rng.normal(size=(m, 3)), rng.uniform(1.0, 2.0, m))
-    equations.add_pairs(slice(6, 9), rng.normal(size=(m - 1, 3)), rng.uniform(1.0, 2.0, m - 1))
+    changes = (
+        (0, STATE_GYR_BIAS, -1.0),
+        (1, STATE_GYR_BIAS, 1.0),
+        (0, POS, -1.0),
+        (None, slice(1, 4), rng.normal(size=(m - 1, 3, 3))),
+    )
+    equations.add(rng.normal(size=(m - 1, 3)), rng.uniform(1.0, 2.0, m - 1), *changes)
+    by_turn = (0, ROT, rng.normal(size=(m, 3, 3)))
+    equations.add(rng.normal(size=(m, 3)), rng.uniform(1.0, 2.0, m), (0, STATE_ACC_BIAS, 1.0), by_turn)
     n = m * STATE
     dense = np.zeros((n + s, n + s))
     for k in range(m):
