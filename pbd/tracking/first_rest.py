@@ -27,17 +27,9 @@ QUIET_ENERGY = 10.0
 energy of a hand that rests on something (QUIET_ACC, QUIET_GYR). Likewise, a second is no rest if it is more than this
 many times as restless as a quiet half second."""
 
-WITHOUT_GRAVITY = 0.5
-"""Specific force at rest, m/s2, below which gravity seems to have been removed. What remains is a bare part's bias
-(20 mg) and the gravity that an attitude wrong by 2 degrees leaves."""
-
 COUNTS_PER_G = {f"{1.0 / per_g:.14f}".rstrip("0") + "g": per_g for per_g in (16384, 8192, 4096, 2048)}
 """Name of a 16-bit accelerometer's count as a unit -> counts per g, at ranges of 2 to 16 g (InvenSense, MPU-6000 and
 MPU-6050 Product Specification). Counts are far more usual than mm/s2, whose 9807 per g are near 8192."""
-
-LARGEST_ERROR = 0.3
-"""Largest error of an accelerometer's reading at rest, as a share of gravity. Cheap boards are off by up to 0.2 g,
-their chips by 0.08 g at most (MPU-6050 Product Specification). A wrong unit makes a larger error."""
 
 STILL_ACC, STILL_GYR = 0.5, 0.15
 """rms above which a hand moves, m/s2 and rad/s."""
@@ -193,9 +185,9 @@ def _refuse_wrong_units(norm_at_rest: float, source: SourceColumns, shakes: bool
         why += ", and a gyro's counts with --unit gyr=NUMBERdeg/s" * (likely in COUNTS_PER_G)
     elif shakes:
         return
-    elif norm_at_rest < WITHOUT_GRAVITY:
+    elif norm_at_rest < 0.5:  # m/s2: a bare part's bias (20 mg), and what an attitude wrong by 2 degrees leaves
         why = "gravity seems to have been removed: give what the accelerometer itself reads, not linear acceleration"
-    elif abs(norm_at_rest / GRAVITY - 1.0) < LARGEST_ERROR:
+    elif abs(norm_at_rest / GRAVITY - 1.0) < 0.3:  # cheap boards are off by up to 0.2 g, a wrong unit by more
         raise TrackingError(
             f"{said}; if the unit is right, that is the sensor's own error: measure it with pbd calibrate sensor, and "
             "give that --calibration",

@@ -12,9 +12,6 @@ from pbd.tracking.smoother.attitude import mean_quaternion
 NEAR_STOP_S = 0.5
 """s: largest distance of a time from its stop. Beyond it a grip event gets a warning, and a claim is refused."""
 
-ROTATION_RAD, ROTATION_SHIFT_M = np.radians(10.0), 0.03
-"""A move that turns by more than this (rad), and extends by less than this (m) along each axis, is a hand rotation."""
-
 
 def keyframes_of(path: HandPath) -> tuple[Keyframe, ...]:
     """The keyframes to use: those that a person edited, else those found."""
@@ -66,7 +63,7 @@ def _describe(path: HandPath, start: int, stop: int) -> str:
     extent = np.ptp(path.p_nav_sensor[span], axis=0)
     wxyz = path.wxyz_nav_sensor[span]
     turns = np.linalg.norm(quat_log(quat_multiply(quat_inverse(wxyz[0]), wxyz)), axis=1)
-    if extent.max() < ROTATION_SHIFT_M and turns.max() > ROTATION_RAD:
+    if extent.max() < 0.03 and turns.max() > np.radians(10.0):  # m along each axis, rad
         return "Hand rotation"
     axis = "xyz"[int(np.argmax(extent))]
     kind = "Vertical" if axis == "z" else "Horizontal"

@@ -35,14 +35,8 @@ LAMBDA_V = 0.01
 LAMBDA_M = 10
 """Number of samples without a detection after which a motion has ended."""
 
-TILT_LOWPASS_S = 0.3
-"""s: time constant of the low-pass on tilt from the accelerometer, if the device gives no attitude."""
-
 YAW_SIGMA = np.radians(1.0)
 """rad: one sigma of the compass' heading."""
-
-GYRO_SIGMA, BIAS_WALK = np.radians(0.3), np.radians(0.01)
-"""One sigma of a gyro sample, rad/s, and of the rate at which its bias changes in a sample, rad/s2."""
 
 
 def track_as_paper(recording: Recording, rest: Rest) -> Estimate:
@@ -99,12 +93,13 @@ def filter_yaw(t: Array, rate: Array, compass: Array, *, with_gyro: bool) -> tup
     kalman.P = np.diag([YAW_SIGMA**2, np.radians(1.0) ** 2 if with_gyro else 0.0])
     kalman.H = np.array([[1.0, 0.0]])
     kalman.R = np.array([[YAW_SIGMA**2]])
-    rate_sigma = GYRO_SIGMA if with_gyro else np.radians(200.0)
+    # One sigma of a gyro sample, rad/s, and of the rate at which its bias changes in a sample, rad/s2.
+    rate_sigma, bias_walk = np.radians((0.3, 0.01) if with_gyro else (200.0, 0.0))
     yaw, bias = np.empty(len(t)), np.empty(len(t))
     for i, dt in enumerate(np.diff(t, prepend=t[0])):
         kalman.F = np.array([[1.0, -dt], [0.0, 1.0]])
         kalman.B = np.array([[dt], [0.0]])
-        kalman.Q = np.diag([(rate_sigma * dt) ** 2, (BIAS_WALK * dt) ** 2 if with_gyro else 0.0])
+        kalman.Q = np.diag([(rate_sigma * dt) ** 2, (bias_walk * dt) ** 2])
         kalman.predict(u=np.array([rate[i]]))
         innovation = np.arctan2(np.sin(compass[i] - kalman.x[0]), np.cos(compass[i] - kalman.x[0]))
         kalman.update(np.array([kalman.x[0] + innovation]))
@@ -177,7 +172,7 @@ def _tilt(recording: Recording) -> tuple[Array, Array]:
     """Roll and pitch (n,) rad by the low-passed accelerometer; the filter starts settled."""
     from scipy.signal import lfilter
 
-    keep = np.exp(-1.0 / (TILT_LOWPASS_S * recording.rate_hz))
+    keep = np.exp(-1.0 / (0.3 * recording.rate_hz))  # 0.3 s: the OS5000's time constant
     start = keep * recording.acc[:1].T
     slow = np.column_stack(
         [lfilter([1.0 - keep], [1.0, -keep], axis, zi=zi)[0] for axis, zi in zip(recording.acc.T, start, strict=True)]

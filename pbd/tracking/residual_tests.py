@@ -21,10 +21,6 @@ from pbd.tracking.smoother.smooth import Solution
 FALSE_ALARM_CHANCE = 0.05
 """Chance that a test suspects a sound recording, with noise as modelled. Real noise is smaller, so fewer are."""
 
-LINEARISATION_SHARE = 0.02
-"""Increase of a leg's residual variance by linearisation, as a share of its noise. Without it, a leg that can be fitted
-almost exactly (a gyro that reads zero at rest) would be suspected."""
-
 LEG_RMS = 0.8
 """Largest rms of a leg's nine residuals, in sigmas. In sound recordings it is at most 0.73."""
 
@@ -88,7 +84,8 @@ def _move_alarms(solution: Solution) -> Iterator[str]:
     """Legs whose residuals are too large for the noise: chi-square test with Satterthwaite's degrees of freedom."""
     assert solution.leg_residuals is not None
     residuals, spread = solution.leg_residuals
-    left, total = (1.0 + LINEARISATION_SHARE) * np.eye(9) - spread, squares(residuals)
+    # 2 % of the noise for linearisation: else a leg that fits almost exactly (a gyro that reads zero) is suspected.
+    left, total = 1.02 * np.eye(9) - spread, squares(residuals)
     mean, square = np.trace(left, axis1=1, axis2=2), (left**2).sum(axis=(1, 2))
     # By chance, at least 0.7 % of chi-squares exceed their mean by two standard deviations. Among seven legs that is no
     # alarm. So sound recordings need no scipy.special, which takes 0.15 s to load.

@@ -12,9 +12,6 @@ from numpy.typing import NDArray
 from pbd.pose import Array
 from pbd.tracking.moving_windows import Spans
 
-EARLIEST_MIDDLE_S = 0.1
-"""Earliest middle of a move, s: a hand's shortest moves take 0.2 s. An earlier peak of the speed is noise."""
-
 
 def without_slow_ends(t: Array, spans: Spans, speed: Array, sharp: NDArray[np.bool_] | None = None) -> Spans:
     """Cut from each span the slow ends of the moves beside it. At least the middle of each span is left.
@@ -40,10 +37,11 @@ def without_slow_ends(t: Array, spans: Spans, speed: Array, sharp: NDArray[np.bo
 def _unnoticed_s(t: Array, speed: Array) -> float:
     """How long a hand had moved before it was noticed, s, by t and speed of its move from there.
 
-    The middle is the first peak that is the highest for as long again as it took.
+    The middle is the first peak that is the highest for as long again as it took. A peak before 0.1 s is noise: a
+    hand's shortest moves take 0.2 s.
     """
     since = np.abs(t - t[0])
-    peaks = np.flatnonzero((speed == np.maximum.accumulate(speed)) & (speed > speed[0]) & (since >= EARLIEST_MIDDLE_S))
+    peaks = np.flatnonzero((speed == np.maximum.accumulate(speed)) & (speed > speed[0]) & (since >= 0.1))
     if not len(peaks):
         return 0.0
     higher = np.append(since[peaks[1:]], np.inf)

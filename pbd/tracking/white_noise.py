@@ -8,15 +8,8 @@ from pbd.pose import Array
 from pbd.tracking.first_rest import REST_S
 from pbd.tracking.moving_windows import rows_of_mean, white_noise_variance
 
-FINEST_STEP = 1e-12
-"""m/s2 or rad/s: a smaller difference between readings is floating-point rounding."""
-
 BAND_HZ = np.arange(2.5, 4.6, 0.5)
 """Hz: a hand sways below this band and trembles above it (`tremor_hz`). What is in the band is the sensor's noise."""
-
-BAND_FACTOR = 1.5
-"""Largest white noise, as a multiple of that found in the band: two sigma more. In a second, one sigma of what is found
-is a quarter (five frequencies on three axes, and neighbouring frequencies are correlated)."""
 
 
 def steps_of(recording: Recording) -> tuple[float, float]:
@@ -43,7 +36,8 @@ def _white_noise_bound(values: Array, rate_hz: float) -> float:
     """The most white noise, per sample and axis, in a rest (n, 3); infinity if it is too short or sampled too slowly.
 
     White noise is at all frequencies; a hand's sway and tremor are not. A Hann window keeps them from leaking into the
-    band.
+    band. The bound is two sigma above what is found there: of a second, one sigma is a quarter (five frequencies on
+    three axes, and neighbouring frequencies are correlated).
     """
     n = len(values)
     if rate_hz < 2.0 * BAND_HZ[-1] or n < round(REST_S * rate_hz):
@@ -51,7 +45,7 @@ def _white_noise_bound(values: Array, rate_hz: float) -> float:
     window = np.sin(np.pi * (np.arange(n) + 0.5) / n) ** 2
     waves = window * np.exp(-2.0j * np.pi * np.outer(BAND_HZ, np.arange(n) / rate_hz))
     power = np.abs(waves @ (values - values.mean(axis=0))) ** 2
-    return BAND_FACTOR * float(np.sqrt(power.mean() / (window @ window)))
+    return 1.5 * float(np.sqrt(power.mean() / (window @ window)))
 
 
 def white_energy(rms: float, rate_hz: float) -> float:
@@ -68,7 +62,7 @@ def _rounding(step: float, rms: float) -> tuple[float, float]:
 
     Source: B. Widrow, I. Kollar, Quantization noise, Cambridge 2008, 9.
     """
-    if not FINEST_STEP < step < np.inf:
+    if not 1e-12 < step < np.inf:  # a smaller step is floating-point rounding
         return 0.0, 0.0
     rounding = step / np.sqrt(12.0)
     return rounding, rounding * float(np.exp(-2.0 * (np.pi * rms / step) ** 2))

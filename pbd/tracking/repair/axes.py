@@ -27,10 +27,6 @@ the hand's acceleration may explain (`Witness.unsure_deg`) is subtracted from ea
 MAPPED_SHARE = 0.75
 """Of the angles with a mapping this quantile counts, not the median, which hides an axis that few turns are about."""
 
-SEARCH_SCALE_DEG = 20.0
-"""Angle by which gravity is off, degrees, above which a wrong scale of the gyro is looked for.
-The search takes as long as tracking."""
-
 IMPROVEMENT = 4.0
 """Smallest factor by which another mapping must reduce the median angle to be accepted."""
 
@@ -41,9 +37,6 @@ SIMPLE_PAIRS: for a unit, a sign or two swapped axes. ANY_PAIRS: for any of the 
 AS_GOOD_DEG = 4.0
 """Readings whose angle is within this (degrees) of the best fit equally well."""
 
-MAX_NAMED = 5
-"""Largest number of mappings that a message names."""
-
 UNITS = (
     (DEG, "its values are in deg/s; import the file with --unit gyr=deg/s"),
     (1.0 / DEG, "its values were in rad/s, but were read as deg/s; import the file with --unit gyr=rad/s"),
@@ -51,9 +44,8 @@ UNITS = (
 )
 """Factor that corrects a gyro in a wrong unit, and the advice."""
 
-FACTORS, BESIDE, CLEAR_FACTOR = 1.05 ** np.arange(-60, 61), 6, 1.5
+FACTORS, CLEAR_FACTOR = 1.05 ** np.arange(-60, 61), 1.5
 """Factors on the gyro that are tried, from 1/19 to 19. (Beyond them, turns by whole circles fit by chance.)
-BESIDE: factors fewer places apart than this belong to one minimum.
 CLEAR_FACTOR: a smaller factor either way is no fault, since the gyro's range may have cut off the turns."""
 
 
@@ -133,7 +125,8 @@ def find_axis_error(
         return found
     found = search.find_unit(found.fit_deg if found else np.inf) or found or search.find_dead_gyro()
     # A rate that a person gave is as likely wrong as axes or units are. Name what fits best, or both if they fit alike.
-    if 0 in search.counted and (source.has_no_times or (found is None and search.off[0] > SEARCH_SCALE_DEG)):
+    # (The search takes as long as tracking, so without that reason gravity must be off by 20 degrees.)
+    if 0 in search.counted and (source.has_no_times or (found is None and search.off[0] > 20.0)):
         likely = sorted(filter(None, (search.find_scale(), found)), key=lambda each: each.fit_deg)
         message = "; or ".join(each.message for each in likely if each.fit_deg <= likely[0].fit_deg + AS_GOOD_DEG)
         return likely[0]._replace(message=message) if likely else None
@@ -213,7 +206,7 @@ class _Search:
         if not len(good):
             return None
         nearest = good[np.argmin(np.abs(np.log(FACTORS[good])))]
-        beside = good[np.abs(good - nearest) < BESIDE]
+        beside = good[np.abs(good - nearest) < 6]  # six places on, a third more, is another minimum
         best = int(beside[np.argmin(fits[beside])])
         if 1.0 / CLEAR_FACTOR < FACTORS[best] < CLEAR_FACTOR:
             return None
@@ -264,7 +257,7 @@ def _find_remedy(
     named = [(channel, mapping) for _, causes, channel, mapping in good if causes == fewest]
     # Gravity and gyro together allow one mapping of the gyro, unless the hand turned about too few axes.
     sure = not simple and sum(channel == "g" for *_, channel, _ in good) < 2
-    message = _message(named[:MAX_NAMED], sure, source)
+    message = _message(named[:5], sure, source)  # more would be no advice
     return Contradiction(witnesses[wrong[0]].channel, off, best, int(np.argmax(telling[wrong[0]])), message)
 
 

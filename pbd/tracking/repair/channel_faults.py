@@ -28,9 +28,6 @@ sensor's axes do not count: some gyros read 0 on all axes at rest.)"""
 LIVE_SHARE = 0.7
 """A working axis changes in at least this share of its rows."""
 
-NOISE_ROUGHNESS = 2.0
-"""Readings are noise if their third differences are this many times their first. White noise has 3.2, motion less."""
-
 ROUNDED_ROUGHNESS = 1.5
 """Smallest mean third difference of noise that changes a steady reading within STUCK_AXIS_S, in steps of the
 resolution: that of noise of a third of a step. Rounding alone makes 1.0."""
@@ -38,19 +35,9 @@ resolution: that of noise of a third of a step. Rounding alone makes 1.0."""
 NOISE_ROWS, ROUNDING = 20, 1e-6
 """Noise is judged in the calmest NOISE_ROWS rows in sequence. A change below ROUNDING (m/s2, rad/s) is rounding."""
 
-SAME_NORM = 2e-4
-"""Range of the norm over a recording, as a share of the largest, below which each row was divided by its norm and
-rounded to four decimals. Noise and moves change a true norm by more."""
-
 REPEATED_ROWS = 3
 """Smallest number of equal rows in sequence that chance does not explain. A sensor with noise is frozen if it repeats a
 row this often, and for longer than BRIDGED_S. A flat top of this many samples may be clipped."""
-
-COARSE_REPEATS = 0.01
-"""If more than this share of the readings repeat outside suspected freezes, the sensor is coarse, not frozen."""
-
-COARSE_FROZEN_S = 0.2
-"""s: if a sensor repeats itself for longer, the path must show a rest there."""
 
 MOVING_SPEED = 0.05
 """Speed of the hand, m/s, above which its sensor's readings can't be constant."""
@@ -75,7 +62,8 @@ def refuse_dead(recording: Recording) -> None:
             value=recording.gyr[0].tolist(),
         )
     norms, moves = lengths(recording.acc), np.ptp(recording.acc, axis=0).max() > STILL_ACC
-    if moves and np.ptp(norms) < SAME_NORM * norms.max() and has_noise(recording.acc):
+    # Rows divided by their norm and rounded to four decimals; noise and moves change a true norm by more.
+    if moves and np.ptp(norms) < 2e-4 * norms.max() and has_noise(recording.acc):
         raise RecordingError(
             f"the accelerometer reads {norms[0]:.4g} in every row, though the hand moves: each row was divided by its "
             "norm; import what the accelerometer itself reads",
@@ -144,7 +132,8 @@ def _held_too_long(recording: Recording, same: NDArray[np.bool_]) -> NDArray[np.
     for start, last in runs(same):
         if t[last] - t[start] > BRIDGED_S and last - start >= REPEATED_ROWS:
             rows[start + 1 : last + 1] = True  # the first equal row was measured
-    is_fine = rows.any() and (same & ~rows[1:]).mean() < COARSE_REPEATS and has_noise(recording.acc[~rows])
+    # Where 1 % or more of the readings repeat elsewhere too, the sensor is coarse, not frozen.
+    is_fine = rows.any() and (same & ~rows[1:]).mean() < 0.01 and has_noise(recording.acc[~rows])
     return rows & is_fine
 
 
@@ -158,7 +147,7 @@ def refuse_freezes(recording: Recording, v_nav: Array) -> None:
     """
     t, speeds = recording.t, lengths(v_nav)
     for start, last in runs(_repeats(recording)):
-        if t[last] - t[start] <= COARSE_FROZEN_S:
+        if t[last] - t[start] <= 0.2:  # s: so long a coarse sensor may repeat itself in a move
             continue
         speed = float(speeds[start : last + 1].max())
         if speed > MOVING_SPEED:
@@ -189,4 +178,4 @@ def _is_noise(values: Array, least: float = 0.0) -> bool:
     variance, _ = window_moments(values, NOISE_ROWS)
     rows = values[np.argmin(variance) :][:NOISE_ROWS]
     first, third = (float(np.abs(np.diff(rows, n=n, axis=0)).sum()) for n in (1, 3))
-    return third > max(NOISE_ROUGHNESS * first, least * len(rows))
+    return third > max(2.0 * first, least * len(rows))  # white noise: 3.2 times as large; motion: less

@@ -25,9 +25,6 @@ SHORTEST_S = 0.3
 CLOCK_JUMP_S = 60.0
 """Longest time between two samples of one demonstration, s. A longer one is a jump of the clock."""
 
-REREAD_SHARE = 0.1
-"""A row that repeats the one before is the same sample if it comes sooner than an interval less this share of it."""
-
 
 def with_checked_times(recording: Recording) -> Recording:
     """The recording with checked time stamps. Warns if they are replaced, or if the rate is not the nominal one.
@@ -161,7 +158,7 @@ def _new_samples(t: Array, changed: NDArray[np.bool_]) -> NDArray[np.bool_]:
     spans = t[begin[LATE_SAMPLES:]] - t[begin[:-LATE_SAMPLES]]
     interval = float(np.percentile(spans, 10.0)) / LATE_SAMPLES  # at rest a coarse sensor changes less often
     since = t - t[begin][np.cumsum(changed) - 1]
-    held = np.floor(since / max(interval, 1e-9) + REREAD_SHARE)
+    held = np.floor(since / max(interval, 1e-9) + 0.1)  # a tenth early counts as a whole interval
     return np.asarray(changed | (np.diff(held, prepend=0.0) > 0.0))
 
 

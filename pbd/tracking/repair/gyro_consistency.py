@@ -39,9 +39,6 @@ from pbd.tracking.repair.axis_mappings import AXIS_MAPPINGS
 UPSIDE_DOWN_COS = -0.9
 """The sensor is upside down if cos(its z axis, up) is below this: z within 26 degrees of down."""
 
-STEEP_FIELD = 0.5
-"""A magnetic field surely points up if its upward share is larger."""
-
 CHECK_HZ = 50.0
 """Samples are averaged down to about this rate, Hz, which is fast enough for a hand."""
 
@@ -50,9 +47,9 @@ STEADY_S, STEADY_ACC = 0.3, 0.05
 Largest standard deviation of specific force in it, and largest difference of the mean's norm from g, both as shares of
 g. (A WT901's bias of 20 mg changes the norm by 4 % between two sides of the sensor.)"""
 
-PAIR_AFTER_S, PAIR_LONGEST_S = (0.5, 1.0, 2.0, 4.0), 5.0
-"""Times, s, after which a steady moment is paired with the next one: a slow turn shows only after seconds.
-Longest time between the moments of a pair, s. At most one moment per STEADY_S / 2 begins pairs."""
+PAIR_AFTER_S = (0.5, 1.0, 2.0, 4.0)
+"""Times, s, after which a steady moment is paired with the next one: a slow turn shows only after seconds. At most one
+moment per STEADY_S / 2 begins pairs."""
 
 SHOWN_BY = {"a": "gravity", "m": "the field", "": "the device's own attitude"}
 """Channel of a witness -> its name."""
@@ -147,7 +144,7 @@ def warn_upside_down(recording: Recording, up_sensor: Array, start: int, stop: i
     hint = ""
     if recording.mag is not None:
         field = recording.mag[start:stop].mean(axis=0)  # with a NaN there is no hint
-        if up_sensor @ field > STEEP_FIELD * np.linalg.norm(field):
+        if up_sensor @ field > 0.5 * np.linalg.norm(field):  # surely up: 30 degrees or more
             hint = " (likely, because the magnetic field points up, as it does only south of the equator)"
     source = recording.info.source
     read = {"a": recording.acc, "g": recording.gyr, "m": recording.mag}
@@ -240,7 +237,7 @@ def _pairs(rows: NDArray[np.intp], rate_hz: float) -> tuple[NDArray[np.intp], ND
     second = np.searchsorted(rows, rows[starts, None] + rate_hz * np.array(PAIR_AFTER_S)).ravel()
     pairs = np.column_stack((np.repeat(starts, len(PAIR_AFTER_S)), second))[second < len(rows)]
     first, second = np.unique(pairs, axis=0).T
-    near = rows[second] - rows[first] <= PAIR_LONGEST_S * rate_hz
+    near = rows[second] - rows[first] <= 5.0 * rate_hz  # s, the longest between the two
     return first[near], second[near]
 
 

@@ -41,8 +41,8 @@ MOTION_AROUND_S = 0.3
 NOISE_FLOOR = {"acc": 0.04, "gyr": 0.012}
 """Smallest noise that is assumed, m/s2 and rad/s."""
 
-LONGEST_PACKET_S, JUMPS_TRIED = 2.0, 60
-"""Longest packet of a wireless sensor, s; the ends of packets are looked for among this many of the largest jumps."""
+JUMPS_TRIED = 60
+"""The ends of packets are looked for among this many of the largest jumps."""
 
 DOUBLED_ROWS = 6
 """Smallest number of different rows in a block that came twice. Fewer equal rows may be chance."""
@@ -227,9 +227,8 @@ def _swapped_blocks(recording: Recording) -> tuple[int, int] | None:
     # The three jumps are evenly spaced. The smallest may not be among the largest ones: it is placed by the other two.
     a, b = np.concatenate((p, p, 2 * p - q)), np.concatenate((q, (p + q) // 2, p))
     c = np.concatenate((2 * q - p, q, q))
-    fits = (
-        (a >= 0) & (c < len(jumps)) & (b - a == c - b) & (b - a <= LONGEST_PACKET_S * recording.rate_hz) & (b - a > 1)
-    )
+    longest = 2.0 * recording.rate_hz  # no wireless sensor's packet is longer than 2 s
+    fits = (a >= 0) & (c < len(jumps)) & (b - a == c - b) & (b - a <= longest) & (b - a > 1)
     a, b, c = a[fits], b[fits], c[fits]
     if len(a) == 0:
         return None

@@ -15,9 +15,6 @@ from pbd.tracking.first_rest import likely_unit
 LARGEST_READING = 1e5
 """Largest possible reading of any sensor, in its SI unit or uT. A larger one counts as missing."""
 
-WEAKEST_FIELD = 0.01
-"""Smallest reading of a magnetometer, uT, or as a multiple of the Earth's field. imu.csv has four decimals."""
-
 EARTH_FIELD = (22.0, 67.0)
 """Weakest and strongest field of the Earth at any place, uT (World Magnetic Model 2020)."""
 
@@ -27,9 +24,6 @@ so mgauss, which are a tenth of a uT, can't be told."""
 
 FASTEST_GYRO = 4000.0 * DEG
 """Largest range of a usual gyro, rad/s. A count is smaller than a rad/s at any range."""
-
-LARGEST_ANGLE = 4.0 * np.pi
-"""Largest angle of the device's own attitude, rad: a heading that counts on after a turn. Degrees pass it soon."""
 
 
 def refuse_other_units(recording: Recording) -> None:
@@ -54,7 +48,7 @@ def _refuse_field_unit(mag: Array, source: SourceColumns) -> None:
     known = np.hypot.reduce(mag[(np.abs(mag) < 1e9).all(axis=1)], axis=1)  # no square underflows; without NaN
     usual = float(np.median(known)) if len(known) else 0.0
     earth = f"the Earth's field is {EARTH_FIELD[0]:.0f} to {EARTH_FIELD[1]:.0f} uT"
-    if 0.0 < usual < WEAKEST_FIELD or usual > LARGEST_READING:
+    if 0.0 < usual < 0.01 or usual > LARGEST_READING:  # less is lost in the four decimals of imu.csv
         raise RecordingError(
             f"the magnetometer reads {usual:.2g} uT, but {earth}: its unit is another; "
             "import the file with --unit mag=T, gauss, mgauss, nT or uT",
@@ -88,10 +82,13 @@ def _refuse_gyro_counts(gyr: Array, acc: Array, source: SourceColumns) -> None:
 
 
 def _refuse_degrees(rpy: Array) -> None:
-    """Refuse the device's own attitude (n, 3) if it can only be in degrees. Single wild values are no sign of it."""
+    """Refuse the device's own attitude (n, 3) if it can only be in degrees.
+
+    Single wild values are no sign of it, nor is a heading that counts on after a turn.
+    """
     largest = np.abs(rpy).max(axis=1)
     good = largest[largest < LARGEST_READING]
-    if len(good) and (angle := float(np.percentile(good, 95.0))) > LARGEST_ANGLE:
+    if len(good) and (angle := float(np.percentile(good, 95.0))) > 4.0 * np.pi:
         what = f"the device's own attitude has angles up to {angle:.3g} rad: they are in degrees"
         raise RecordingError(f"{what}; import the file with --unit angle=deg", value=angle)
 

@@ -21,9 +21,6 @@ from pbd.tracking.smoother.normal_equations import (
 from pbd.tracking.smoother.preintegration import ACC_MATRIX, GYR_MATRIX, LAG, POS, ROT, VEL
 from pbd.tracking.smoother.state import SHARED, SHARED_GRAVITY, SHARED_PIVOT, Fixed, Prior, State
 
-LEAST_LEVEL_FIELD = 0.1
-"""Smallest horizontal share of a magnetic field that can show north: within 6 degrees of vertical it can't."""
-
 GAUGE_WEIGHT = 1e10
 """Weight that fixes what is chosen, not measured: the origin (1/m2), and without a compass the heading (1/rad2)."""
 
@@ -168,7 +165,8 @@ def compass_heading(
         off = (stronger**2 + steeper**2 + (np.cos(dip) * east) ** 2) / noise.field_change**2
     dh = -skew(h)  # d h / d theta
     by_turn = (h[:, 1:2] * dh[:, 0] - h[:, :1] * dh[:, 1]) / level[:, None] ** 2
-    return east, by_turn, np.where(level > LEAST_LEVEL_FIELD * lengths(h), (1.0 / (1.0 + off)) ** 2, 0.0)
+    shows_north = level > 0.1 * lengths(h)  # not within 6 degrees of the vertical
+    return east, by_turn, shows_north * (1.0 / (1.0 + off)) ** 2
 
 
 def _add_device_attitude(equations: NormalEquations, problem: Problem, x: State) -> None:

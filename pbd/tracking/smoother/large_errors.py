@@ -23,9 +23,6 @@ from pbd.tracking.smoother.state import SHARED, State
 REMOVED_LAG = 0.005
 """s: smallest lag of the gyro that is removed from the samples."""
 
-REMOVED_SCALE, SCALE_OUTLIER_SIGMAS = 0.05, 5.0
-"""Scale error common to the gyro's axes: the smallest that is removed, and its least ratio to its sigma."""
-
 
 @dataclass(frozen=True, eq=False)
 class LargeErrors:
@@ -79,5 +76,5 @@ def _large_lag_and_scale(x: State, solved: Solved) -> tuple[float, float]:
     diagonal = i[GYR_MATRIX][::4]
     more_scale = -float(x.shared[diagonal].mean())  # w_true = (1 - M) w
     sigma = float(np.sqrt(solved.shared[np.ix_(diagonal, diagonal)].mean()))
-    large = abs(more_scale) > max(REMOVED_SCALE, SCALE_OUTLIER_SIGMAS * sigma)
+    large = abs(more_scale) > max(0.05, 5.0 * sigma)  # 5 %: below, a linear model does
     return lag, more_scale if large and abs(step[diagonal].mean()) < sigma else 0.0

@@ -40,9 +40,6 @@ DRIFTED_SHARE = 0.5
 WIDE_SCALE_SIGMA = 0.15
 """One sigma of the wide prior of a scale error common to the gyro's axes. A wrong clock looks like such an error."""
 
-MAX_PASSES = 4
-"""Largest number of solutions with wide priors; each may show large errors that the one before hid."""
-
 
 @dataclass(frozen=True, eq=False)
 class Solution:
@@ -112,7 +109,7 @@ def smooth(
             no_gyro=no_gyro,
         )
 
-    for passes_left in reversed(range(MAX_PASSES)):
+    for passes_left in (3, 2, 1, 0):  # each solution with wide priors may show large errors that the one before hid
         without = removed.removed_from(recording)
         frame = gyro_frame_of(without, rest.gyro_bias * (1.0 + removed.scale))
         window = min(max(2, round(ENERGY_WINDOW_S / frame.dt)), len(frame.t))
