@@ -212,9 +212,7 @@ def _covariance_times(solved: Solved, knots: Sequence[int], p: Array, columns: A
     """
     relative = relative_to_first(columns, p, transposed=True)
     right = np.zeros((len(solved.scale), STATE, columns.shape[2]))
-    for k, knot in enumerate(knots):
-        right[knot, POS] += relative[k, :3]
-        right[knot, ROT] += relative[k, 3:]
+    right[knots, POS], right[knots, ROT] = relative[:, :3], relative[:, 3:]
     left = solved.covariance_times(right)[knots]
     return relative_to_first(np.concatenate((left[:, POS], left[:, ROT]), axis=1), p)
 

@@ -46,19 +46,14 @@ CALIBRATED = SensorClass(2.0 * MG, 0.001, 0.001, 0.002 * DEG, 0.0003)
 FACTORY = SensorClass(3.0 * MG, 0.005, 0.005)
 """A research part after calibration. Also for an unknown sensor."""
 
-COMPASS = SensorClass(5.0 * MG, 0.003, 0.003)
-"""OceanServer's compasses (data sheet)."""
-
 BARE = SensorClass(20.0 * MG, 0.01, 0.01)
 """A bare MEMS part, as in phones (InvenSense MPU-6050, -9250, Bosch BMI160, ST LSM6DSO data sheets: zero-g
 offset, sensitivity tolerance)."""
 
-IDEAL = SensorClass(1e-3 * MG, 1e-6, 1e-6, 1e-6 * DEG, 1e-6)
-"""The simulator's sensor without errors."""
-
 CLASSES = {
     **dict.fromkeys(("modern", "xsens", "vectornav", "ximu3"), CALIBRATED),
-    **{"ideal": IDEAL, "os5000": COMPASS},
+    "ideal": SensorClass(1e-3 * MG, 1e-6, 1e-6, 1e-6 * DEG, 1e-6),  # the simulator's sensor without errors
+    "os5000": SensorClass(5.0 * MG, 0.003, 0.003),  # OceanServer's compasses (data sheet)
     **dict.fromkeys(("wt901", "witmotion", "razor", "openlog", "metawear", "phone", "phyphox"), BARE),
 }
 """Word in the recording's `info.sensor` -> class."""

@@ -133,6 +133,10 @@ def find_axis_error(
     return found
 
 
+Fit = tuple[str, AxisMapping, Array]
+"""A channel, a mapping of it, and the degrees by which each witness is then off."""
+
+
 class _Search:
     """The search of `find_axis_error`, with its arguments.
 
@@ -179,8 +183,32 @@ class _Search:
         left = dict(zip("gam", (of_gyro, *np.where(own, of_own, off)), strict=True))
         fits = [(channel, mapping, left[channel][:, k]) for k, mapping in enumerate(AXIS_MAPPINGS) for channel in left]
         used = ([k for k in self.counted if k < n] for n in range(len(self._witnesses), 0, -1))
-        remedies = (_find_remedy(self._witnesses, self._telling, fits, k, self._source) for k in used if k)
+        remedies = (self._find_remedy(fits, k) for k in used if k)
         return next(filter(None, remedies), None)
+
+    def _find_remedy(self, fits: Sequence[Fit], used: Sequence[int]) -> Contradiction | None:
+        """Find a channel's mappings that remove all contradictions of the `used` witnesses; fits[0] is as read."""
+        as_it_is = fits[0][2]
+        wrong = [k for k in used if as_it_is[k] > CONTRADICTION_DEG]
+        if not wrong:
+            return None
+        simple = min(self._telling[k].sum() for k in wrong) < ANY_PAIRS
+        able = [
+            (float(off[used].max()), mapping.causes, channel, mapping)
+            for channel, mapping, off in fits
+            if mapping.causes == 1 or not simple
+        ]
+        off, best = float(as_it_is[used].max()), min(able)[0]
+        if best > min(off / IMPROVEMENT, CONTRADICTION_DEG):
+            return None
+        good = [fit for fit in able if fit[0] <= best + AS_GOOD_DEG]
+        fewest = min(fit[1] for fit in good)
+        named = [(channel, mapping) for _, causes, channel, mapping in good if causes == fewest]
+        # Gravity and gyro together allow one mapping of the gyro, unless the hand turned about too few axes.
+        sure = not simple and sum(channel == "g" for *_, channel, _ in good) < 2
+        message = _message(named[:5], sure, self._source)  # more would be no advice
+        pair = int(np.argmax(self._telling[wrong[0]]))
+        return Contradiction(self._witnesses[wrong[0]].channel, off, best, pair, message)
 
     def find_unit(self, better_than_deg: float) -> Contradiction | None:
         """Find a unit of the gyro that leaves gravity off by less than that."""
@@ -225,40 +253,6 @@ class _Search:
     def _of_gravity(self, fit_deg: float, message: str) -> Contradiction:
         pair = int(np.argmax(self._telling[0]))
         return Contradiction("a", float(self.off[0]), float(fit_deg), pair, message)
-
-
-Fit = tuple[str, AxisMapping, Array]
-"""A channel, a mapping of it, and the degrees by which each witness is then off."""
-
-
-def _find_remedy(
-    witnesses: Sequence[Witness],
-    telling: Sequence[NDArray[np.bool_]],
-    fits: Sequence[Fit],
-    used: Sequence[int],
-    source: SourceColumns,
-) -> Contradiction | None:
-    """Find the mappings of one channel that remove all contradictions of the `used` witnesses; fits[0] is as read."""
-    as_it_is = fits[0][2]
-    wrong = [k for k in used if as_it_is[k] > CONTRADICTION_DEG]
-    if not wrong:
-        return None
-    simple = min(telling[k].sum() for k in wrong) < ANY_PAIRS
-    able = [
-        (float(off[used].max()), mapping.causes, channel, mapping)
-        for channel, mapping, off in fits
-        if mapping.causes == 1 or not simple
-    ]
-    off, best = float(as_it_is[used].max()), min(able)[0]
-    if best > min(off / IMPROVEMENT, CONTRADICTION_DEG):
-        return None
-    good = [fit for fit in able if fit[0] <= best + AS_GOOD_DEG]
-    fewest = min(fit[1] for fit in good)
-    named = [(channel, mapping) for _, causes, channel, mapping in good if causes == fewest]
-    # Gravity and gyro together allow one mapping of the gyro, unless the hand turned about too few axes.
-    sure = not simple and sum(channel == "g" for *_, channel, _ in good) < 2
-    message = _message(named[:5], sure, source)  # more would be no advice
-    return Contradiction(witnesses[wrong[0]].channel, off, best, int(np.argmax(telling[wrong[0]])), message)
 
 
 def _quantile(values: Array, share: float) -> Array:

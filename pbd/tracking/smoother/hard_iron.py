@@ -10,9 +10,6 @@ from pbd.tracking.smoother.knots import Problem, mean_around
 from pbd.tracking.smoother.preintegration import BLOCK_S
 from pbd.tracking.smoother.state import State
 
-ITERATIONS = 5
-"""Number of iterations of the robust fit."""
-
 
 def find_hard_iron(problem: Problem, mag: Array, x: State) -> tuple[Array, float] | None:
     """Find the field's part that turns with the sensor. None: it is small, or may be the room's.
@@ -30,7 +27,7 @@ def find_hard_iron(problem: Problem, mag: Array, x: State) -> tuple[Array, float
     field_nav = (R @ field[:, :, None])[:, :, 0]
     A = np.concatenate((R, np.broadcast_to(np.eye(3), R.shape)), axis=2)
     weight = problem.duration
-    for _ in range(ITERATIONS):
+    for _ in range(5):
         weighted = weight[:, None, None] * A
         information = np.tensordot(weighted, A, axes=((0, 1), (0, 1)))
         both = np.linalg.lstsq(information, np.tensordot(weighted, field_nav, axes=((0, 1), (0, 1))))[0]

@@ -132,6 +132,9 @@ def build_problem(
     stop_of = np.where(stop_of < 0, -1, np.searchsorted(used, stop_of))
     borders = np.concatenate((t[rows[:1]], 0.5 * (t[rows[1:]] + t[rows[:-1]]), t[rows[-1:]]))
     legs = preintegrate(frame, rows, density, lost_motion, _knot_velocity(frame, rows, stop_of))
+    field = None if mag is None else mean_around(quat_rotate(frame.wxyz, mag), rows, round(STOP_KNOT_S / dt))
+    if field is not None:
+        field /= np.abs(field).max()
     middle = quat_to_matrix(frame.wxyz[(rows[:-1] + rows[1:]) // 2])
     _fix_sway(legs, middle, np.where(same_stop, stop_of[:-1], -1))
     return Problem(
@@ -149,7 +152,7 @@ def build_problem(
         np.zeros((len(rows), 3)) if no_gyro else mean_around(frame.gyr, rows, round(0.5 * BLOCK_S / dt)),
         _turn_sigma(frame, rows, same_stop, noise.still_turn),
         np.maximum(np.diff(borders), dt),
-        None if mag is None else _mean_field(frame, mag, rows, round(STOP_KNOT_S / dt)),
+        field,
         no_gyro,
     )
 
@@ -232,11 +235,6 @@ def _turn_sigma(frame: GyroFrame, rows: Rows, same_stop: NDArray[np.bool_], leas
     largest = np.maximum.reduceat(np.abs(sway), rows[:-1]).max(axis=1)
     sigma: Array = np.hypot(least, 2.0 * largest * same_stop)
     return sigma
-
-
-def _mean_field(frame: GyroFrame, mag: Array, rows: Rows, reach: int) -> Array:
-    mean = mean_around(quat_rotate(frame.wxyz, mag), rows, reach)
-    return mean / float(np.abs(mean).max())
 
 
 def mean_around(values: Array, rows: Rows, reach: int) -> Array:

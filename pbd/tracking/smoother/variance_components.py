@@ -13,9 +13,6 @@ from pbd.tracking.smoother.preintegration import VEL
 from pbd.tracking.smoother.smooth import Solution
 from pbd.tracking.smoother.state import Fixed
 
-ITERATIONS = 3
-"""Number of iterations of the variance components."""
-
 PRIOR_FREEDOM, PRIOR_FREEDOM_STILL = 5.0, 30.0
 """Weight of the prior of a variance component, in degrees of freedom: of the sensor's noise; of zero velocity."""
 
@@ -34,7 +31,7 @@ def with_own_noise(solution: Solution) -> Solution:
     stood, whiten = still / problem.still_sigma**2, whitener(problem, fixed)
     jacobian = leg_jacobian(problem, x)
     residuals = (whiten @ jacobian[:, :, -1:])[:, :, 0]
-    for iteration in range(ITERATIONS):
+    for iteration in range(3):
         top, bottom, spread = _of_legs(problem, fixed, whiten, solved, jacobian)
         drifts = []
         for (block, values, walk), k in zip(walks, fixed.components[3:], strict=False):
