@@ -36,10 +36,6 @@ SWAY_GYR = 0.04
 """Largest rms rate of a hand that sways in the air, rad/s: 0.3 degrees rms about each axis, at 0.7 Hz. (With 0.05, a
 sensor that is being put down seems to rest in one of the benchmark's recordings.)"""
 
-AFTER_REST_FACTOR = 5
-"""Factor on the time for which a hand must be held to count as trembling, if it comes from a rest: 1 s instead of two
-windows. The beginning of a slow move looks the same, but is shorter."""
-
 SHORTEST_MOVE_S = 0.1
 """s: a shorter motion between two stops is a jolt and joins them."""
 
@@ -97,7 +93,8 @@ def find_candidates(t: Array, dt: float, energy: Energies, rest: Rest, gaps: Seq
     least, restful = 2 * n, np.zeros_like(quiet)
     for start, stop in runs(quiet):
         restful[start:stop] = stop - start >= least
-    for spans, shortest in ((runs(held), least), (runs(held & ~restful), AFTER_REST_FACTOR * least)):
+    # From a rest a hand must be held for 1 s: the beginning of a slow move looks the same, but is shorter.
+    for spans, shortest in ((runs(held), least), (runs(held & ~restful), 5 * least)):
         for start, stop in spans:
             if _trembles(int(np.count_nonzero(quiet[start:stop])), stop - start, shortest):
                 quiet[start:stop] = True

@@ -28,10 +28,6 @@ sensor's axes do not count: some gyros read 0 on all axes at rest.)"""
 LIVE_SHARE = 0.7
 """A working axis changes in at least this share of its rows."""
 
-ROUNDED_ROUGHNESS = 1.5
-"""Smallest mean third difference of noise that changes a steady reading within STUCK_AXIS_S, in steps of the
-resolution: that of noise of a third of a step. Rounding alone makes 1.0."""
-
 NOISE_ROWS, ROUNDING = 20, 1e-6
 """Noise is judged in the calmest NOISE_ROWS rows in sequence. A change below ROUNDING (m/s2, rad/s) is rounding."""
 
@@ -89,7 +85,8 @@ def stuck_axes(recording: Recording) -> Iterator[tuple[str, int, int, int]]:
     seen = np.diff(recording.t) <= 1.0 / SLOWEST_HZ
     for name in SENSOR_NAMES:
         values = getattr(recording, name)
-        step = 0.0 if values is None else ROUNDED_ROUGHNESS * resolution_of(values)
+        # Noise of a third of a step changes a steady reading within that time; its mean third difference is 1.5 steps.
+        step = 0.0 if values is None else 1.5 * resolution_of(values)
         for axis in range(3) if values is not None else ():
             for start, last in runs((values[1:, axis] == values[:-1, axis]) & seen):
                 if recording.t[last] - recording.t[start] < STUCK_AXIS_S:

@@ -39,9 +39,6 @@ from pbd.tracking.repair.axis_mappings import AXIS_MAPPINGS
 UPSIDE_DOWN_COS = -0.9
 """The sensor is upside down if cos(its z axis, up) is below this: z within 26 degrees of down."""
 
-CHECK_HZ = 50.0
-"""Samples are averaged down to about this rate, Hz, which is fast enough for a hand."""
-
 STEADY_S, STEADY_ACC = 0.3, 0.05
 """Length, s, of a steady moment, in which the accelerometer shows gravity.
 Largest standard deviation of specific force in it, and largest difference of the mean's norm from g, both as shares of
@@ -170,7 +167,7 @@ def refuse_disagreement(recording: Recording) -> None:
     recording = _evenly_spaced(recording)
     if recording.gyr is None:
         return
-    source, every = recording.info.source, max(1, round(recording.rate_hz / CHECK_HZ))
+    source, every = recording.info.source, max(1, round(recording.rate_hz / 50.0))  # 50 Hz do for a hand
     acc, gyr = _block_means(recording.acc, every), _block_means(recording.gyr, every)
     rate_hz = recording.rate_hz / every
     steady = find_steady(acc, gyr, rate_hz)

@@ -43,10 +43,6 @@ has at most a chance of 1 in so many to be in the top step."""
 CLIPPED_CHANCE = 1e-4
 """Chance that flat or equal tops are those of peaks, below which the axis is clipped."""
 
-LARGEST_OVERSHOOT = 0.5
-"""Largest height of a gyro's extrapolated peak above its range, as a share of the range. (A lost turn counts as small;
-lost velocity may be large.)"""
-
 LOST_SHARE = 0.1
 """One sigma of the lost motion is the whole extrapolation plus this share of the range, over the time of the clip, plus
 the fall of its sides over one sample: of an impact, one or two samples are all that is seen."""
@@ -151,7 +147,7 @@ def declip(recording: Recording, clips: Sequence[Clip]) -> tuple[Recording, tupl
         top = abs(float(values[clip.start, clip.axis]))
         overshoot = _overshoot(values[:, clip.axis], clip.sign, clip.start, clip.stop)
         if clip.sensor == "gyr":
-            overshoot = np.minimum(overshoot, LARGEST_OVERSHOOT * top)
+            overshoot = np.minimum(overshoot, 0.5 * top)  # a lost turn counts as small; lost velocity may be large
         values[clip.start : clip.stop, clip.axis] += clip.sign * overshoot
         lost = np.zeros(3)
         sides = values[[max(clip.start - 1, 0), min(clip.stop, len(values) - 1)], clip.axis]

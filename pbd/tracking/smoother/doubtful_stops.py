@@ -25,9 +25,6 @@ twenty has a smaller weight."""
 SHORTEST_DIVIDED_S = 0.5
 """Shortest candidate, s, that can contain both a rest and a move. A shorter one is accepted or dropped as a whole."""
 
-SETTLED_S = 0.02
-"""Change of a stop's end, s, below which the solution is final: evenly spaced knots are no nearer to its ends."""
-
 SLOW_SPEED = 0.02
 """m/s: a doubted stop is cut where the estimated speed is larger, and larger than noise explains."""
 
@@ -105,8 +102,8 @@ def stop_weights(problem: Problem, x: State) -> Array:
 
 
 def settled(t: Array, before: Spans, after: Spans) -> bool:
-    """Whether the stops are the same, within SETTLED_S at their ends."""
+    """Whether the stops are the same within 20 ms: evenly spaced knots are no nearer to their ends."""
     if len(before) != len(after):
         return False
     ends = t[np.array([before, after]) - (0, 1)]
-    return bool(np.abs(ends[1] - ends[0]).max() < SETTLED_S)
+    return bool(np.abs(ends[1] - ends[0]).max() < 0.02)

@@ -24,9 +24,6 @@ from pbd.tracking.smoother.preintegration import (
 )
 from pbd.tracking.zero_velocity import ENERGY_WINDOW_S
 
-INSET_SHARE = 0.2
-"""Margin without knots at a stop's ends, as a share of its duration; at most ENERGY_WINDOW_S / 2."""
-
 STOP_KNOT_S, LONG_STOP_S, LONG_STOP_KNOT_S, MOVE_KNOT_S = 0.25, 20.0, 1.0, 0.5
 """s: knots are at most STOP_KNOT_S apart in a stop, LONG_STOP_KNOT_S in a stop longer than LONG_STOP_S, and MOVE_KNOT_S
 in a move. The magnetic field is averaged over STOP_KNOT_S before and after each knot."""
@@ -197,8 +194,8 @@ def _place_knots(t: Array, stops: Spans, extra_rows: Sequence[int]) -> tuple[Row
 
 
 def _without_edges(t: Array, start: int, stop: int) -> tuple[int, int]:
-    """First and last row of a stop without its edges."""
-    inset = min(0.5 * ENERGY_WINDOW_S, INSET_SHARE * float(t[stop - 1] - t[start]))
+    """First and last row of a stop without its edges: a fifth of its duration, at most half a window, has no knots."""
+    inset = min(0.5 * ENERGY_WINDOW_S, 0.2 * float(t[stop - 1] - t[start]))
     first = int(np.searchsorted(t, t[start] + inset - 1e-9))
     last = int(np.searchsorted(t, t[stop - 1] - inset + 1e-9, side="right")) - 1
     middle = (start + stop - 1) // 2

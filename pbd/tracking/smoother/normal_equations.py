@@ -117,7 +117,7 @@ class NormalEquations:
                 before = slice(at.start - STATE, at.start)
                 right[:STATE] -= _blocks(cholesky[:, before])[1][0] @ half[before]
             half[at], _ = lapack().dtbtrs(cholesky[:, at], right, uplo="L")
-        return Solved.at_corner(cholesky, scale, half, half.T @ half, self.corner)
+        return Solved.at_corner(cholesky, scale, half, self.corner)
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,7 +129,6 @@ class Solved:
         cholesky: (BAND, m * 15), banded Cholesky factor L of the chain's Hessian, scaled to a unit diagonal.
         scale: (m, 15), that scaling.
         half: (m * 15, s + 1), L^-1 times the scaled border and gradient.
-        product: (s + 1, s + 1), half^T half.
         corner: (s, s + 1), that of the normal equations.
         shared: (s, s), covariance of the shared unknowns.
     """
@@ -138,16 +137,15 @@ class Solved:
     cholesky: Array
     scale: Array
     half: Array
-    product: Array
     corner: Array
     shared: Array
 
     @classmethod
-    def at_corner(cls, cholesky: Array, scale: Array, half: Array, product: Array, corner: Array) -> Solved:
+    def at_corner(cls, cholesky: Array, scale: Array, half: Array, corner: Array) -> Solved:
         """Solve for the shared unknowns, given their own block and gradient."""
-        schur = corner - product[:-1]
+        schur = corner - half[:, :-1].T @ half
         shared: Array = np.asarray(np.linalg.inv(schur[:, :-1]), dtype=np.float64)
-        return cls(-shared @ schur[:, -1], cholesky, scale, half, product, corner, shared)
+        return cls(-shared @ schur[:, -1], cholesky, scale, half, corner, shared)
 
     @cached_property
     def d(self) -> Array:
@@ -158,7 +156,7 @@ class Solved:
 
     def plus(self, corner: Array) -> Solved:
         """The solution with more information and gradient (s, s + 1) on the shared unknowns."""
-        return Solved.at_corner(self.cholesky, self.scale, self.half, self.product, self.corner + corner)
+        return Solved.at_corner(self.cholesky, self.scale, self.half, self.corner + corner)
 
     def covariance_times(self, right: Array) -> Array:
         """The joint covariance of all knots times columns: (m, 15, k) -> (m, 15, k)."""

@@ -34,9 +34,6 @@ ANNEALING = (20.0, 3.0)
 MAX_RECUTS = 5
 """Largest number of times that stops are revised."""
 
-DRIFTED_SHARE = 0.5
-"""Change of a gyro's bias, as a share of QUIET_GYR, above which it has drifted. Later rests may then seem to turn."""
-
 WIDE_SCALE_SIGMA = 0.15
 """One sigma of the wide prior of a scale error common to the gyro's axes. A wrong clock looks like such an error."""
 
@@ -130,7 +127,7 @@ def smooth(
         found = descend(problem, initial, fixed, ANNEALING)
         if no_gyro or not passes_left:
             break
-        if np.abs(found.x.gyr_bias).max() > DRIFTED_SHARE * QUIET_GYR:  # later rests seem to turn
+        if np.abs(found.x.gyr_bias).max() > 0.5 * QUIET_GYR:  # later rests may seem to turn
             drift = interpolate(frame.t, problem.t, found.x.gyr_bias)
             more = find_candidates(frame.t, frame.dt, energies(force, rate - drift, window), rest, gaps)
             if sum(stop - start for start, stop in more) > sum(stop - start for start, stop in stops):
@@ -164,9 +161,12 @@ def smooth(
         revised = build(stops)
         if not revised.stops:
             break
-        x, fixed = _at_new_knots(problem, found.x, path, revised), replace(fixed, origin=_origin_knot(revised))
+        rows, fixed = revised.rows, replace(fixed, origin=_origin_knot(revised))
+        E = quat_to_matrix(quat_multiply(path.wxyz[rows], quat_inverse(revised.frame.wxyz[rows])))
+        k, before = np.searchsorted(problem.rows, rows), found.x
+        x = State(E, path.v[rows], path.p[rows], before.gyr_bias[k], before.acc_bias[k], before.shared)
         problem = revised
-        del found, path  # of a long recording they are large
+        del found, path, before  # of a long recording they are large
         found = descend(problem, x, fixed, ANNEALING[-1:])
         path = path_of(problem, found.x)
     return Solution(
@@ -224,11 +224,3 @@ def _first_field(problem: Problem, R: Array) -> Array:
     means = (level[problem.stop_of == k].mean(axis=0) for k in range(len(problem.stops)))
     usual = float(np.median(lengths(level)))
     return next((mean for mean in means if lengths(mean) > 0.5 * usual), np.array([0.0, 1.0, 0.0]))
-
-
-def _at_new_knots(problem: Problem, x: State, path: SensorPath, revised: Problem) -> State:
-    """Interpolate an estimate at the knots of the revised problem."""
-    rows = revised.rows
-    E = quat_to_matrix(quat_multiply(path.wxyz[rows], quat_inverse(revised.frame.wxyz[rows])))
-    k = np.searchsorted(problem.rows, rows)
-    return State(E, path.v[rows], path.p[rows], x.gyr_bias[k], x.acc_bias[k], x.shared)
