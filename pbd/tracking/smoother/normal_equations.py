@@ -143,7 +143,7 @@ class Solved:
     @classmethod
     def at_corner(cls, cholesky: Array, scale: Array, half: Array, corner: Array) -> Solved:
         """Solve for the shared unknowns, given their own block and gradient."""
-        schur = corner - half[:, :-1].T @ half
+        schur = corner - (half.T @ half)[:-1]
         shared: Array = np.asarray(np.linalg.inv(schur[:, :-1]), dtype=np.float64)
         return cls(-shared @ schur[:, -1], cholesky, scale, half, corner, shared)
 
