@@ -58,7 +58,6 @@ def find_segments(path: HandPath) -> tuple[Segment, ...]:
 
 
 def _describe(path: HandPath, start: int, stop: int) -> str:
-    """The kind of motion in the paper's words."""
     span = slice(max(start - 1, 0), stop + 1)
     extent = np.ptp(path.p_nav_sensor[span], axis=0)
     wxyz = path.wxyz_nav_sensor[span]

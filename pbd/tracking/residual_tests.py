@@ -44,7 +44,6 @@ def alarms(solution: Solution, stops: Sequence[Stop], sensor: SensorEstimate | N
 
 
 def _sensor_alarms(solution: Solution, found: SensorEstimate) -> Iterator[str]:
-    """Sensor errors that are too large for the prior."""
     from statistics import NormalDist
 
     each = (found.lag, found.gyr_matrix, found.acc_matrix, found.acc_bias)

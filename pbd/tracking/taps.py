@@ -33,9 +33,6 @@ RINGS = 0.35
 STILL_S = 0.2
 """s: time for which the hand is still before the first tap and after the second."""
 
-SAME_ATTITUDE = 0.5
-"""Largest change of mean specific force by the taps, m/s2: the hand turned by less than 3 degrees."""
-
 
 @dataclass
 class _Shock:
@@ -114,7 +111,8 @@ class TapDetector:
                 change = hypot(*(sum(axis) / len(self._after) for axis in zip(*self._after, strict=True)))
                 first, second = self._shocks
                 self._start_over()
-                return first.begun if change <= SAME_ATTITUDE and second.is_tap else None
+                # 0.5 m/s2: the hand turned by less than 3 degrees.
+                return first.begun if change <= 0.5 and second.is_tap else None
         return None
 
 

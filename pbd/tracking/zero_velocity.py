@@ -111,7 +111,6 @@ def find_candidates(t: Array, dt: float, energy: Energies, rest: Rest, gaps: Seq
 
 
 def _quiet(energy: Energies, limits: tuple[float, float]) -> Any:
-    """Whether windows are quiet, by `quiet_limits`."""
     return (energy.acc < limits[0]) & (energy.gyr < limits[1])
 
 

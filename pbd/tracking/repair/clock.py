@@ -163,7 +163,6 @@ def _new_samples(t: Array, changed: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 
 def _warn_of_rate(recording: Recording) -> None:
-    """Warn if the samples do not come at the nominal rate."""
     nominal_hz, rate_hz = recording.info.rate_hz, recording.rate_hz
     if nominal_hz is not None and abs(rate_hz / nominal_hz - 1.0) > RATE_TOLERANCE:
         warn(

@@ -119,7 +119,6 @@ def refuse_gaps(gaps: tuple[Gap, ...], recording: Recording, stops: tuple[Stop, 
 
 
 def _at_an_end(gap: Gap, recording: Recording) -> bool:
-    """Whether a gap is at the start or at the end of the recording."""
     return gap.before == 0 or gap.after == len(recording) - 1
 
 

@@ -256,7 +256,6 @@ def batches(n: int) -> Iterator[slice]:
 
 
 def _rows(knots: slice) -> slice:
-    """Rows of the unknowns of some knots."""
     return slice(knots.start * STATE, knots.stop * STATE)
 
 
