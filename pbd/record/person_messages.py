@@ -104,16 +104,16 @@ class Feedback:
                 self.say(event.t, line, bell=True)
             self._field.clear()
         elif isinstance(event, StopBegan):
-            known, self._announced, self._warned = event.index < self._announced, event.index + 1, False
-            if not known:
+            self._announced, self._warned = event.index + 1, False
+            if not event.continues:
                 self._moves[event.index] = self._left_s, event.t
             self._moves = {index: move for index, move in self._moves.items() if index <= event.index}
             if event.index:
                 text = f"stop {event.index} at {describe_stop(event.keyframe)}"
                 lost = position_sigma(event.keyframe) > UNSURE_SIGMA_M
                 advice = "very uncertain: pause in long moves, or begin again" if lost else "you may move on"
-                # A known index is the same stop with a better position, so it rings no second bell.
-                self.say(event.announced_t, text if known else f"{text}: {advice}", bell=not known)
+                # The same stop, with a better position, rings no second bell.
+                self.say(event.announced_t, text if event.continues else f"{text}: {advice}", bell=not event.continues)
         elif isinstance(event, StopEnded):
             self._left_s = event.t
         else:

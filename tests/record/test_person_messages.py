@@ -60,13 +60,15 @@ def test_a_stop_that_is_very_uncertain_is_no_reason_to_move_on(
     assert told.text.partition(" cm: ")[2].startswith(advice)
 
 
-def test_a_stop_that_is_told_again_rings_no_second_bell(scripted: tuple[Feedback, Scripted]) -> None:
+def test_only_a_stop_in_place_of_another_rings_a_second_bell(scripted: tuple[Feedback, Scripted]) -> None:
     (first,) = said(scripted, 0.1, begun(1, 0.1))
     assert first.bell
     assert first.text == "stop 1 at (10.0, 0.0, 0.0) cm, sigma 0.1 cm: you may move on"
-    (again,) = said(scripted, 0.2, begun(1, 0.12))
+    (again,) = said(scripted, 0.2, replace(begun(1, 0.12), continues=True))
     assert not again.bell
     assert again.text == "stop 1 at (12.0, 0.0, 0.0) cm, sigma 0.1 cm"
+    (instead,) = said(scripted, 0.25, begun(1, 0.2))
+    assert instead.bell
     (second,) = said(scripted, 0.3, begun(2, 0.3))
     assert second.bell
     assert scripted[0].stops == 3

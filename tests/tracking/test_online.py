@@ -301,7 +301,7 @@ def test_its_integrals_are_those_of_the_batch() -> None:
 def test_a_gyro_at_the_end_of_its_range_may_have_lost_a_fifth_of_it(rate: float, rows: int) -> None:
     """All to one side, so sigma grows as the duration. A slow turn, or two equal readings, is chance."""
 
-    def seen(step: float) -> tuple[bool, float]:
+    def seen(step: float) -> tuple[str, float]:
         gyr = np.linspace(rate, rate + step, rows)[:, None] * UP
         strapdown = Strapdown(RepairedSample(0, 0.0, GRAVITY * UP, gyr[0]), 0.01, WHITE, np.zeros(3), no_gyro=False)
         for k in range(1, rows):
@@ -310,7 +310,7 @@ def test_a_gyro_at_the_end_of_its_range_may_have_lost_a_fifth_of_it(rate: float,
 
     (clipped, variance), (_, usual) = seen(0.0), seen(1e-6)
     lost = 0.2 * abs(rate) * 0.01 * np.sqrt(rows**2 - 2**2) * (abs(rate) > 3.0)
-    assert clipped == (lost > 0.0)
+    assert clipped == ("gyro" if lost > 0.0 else "")
     assert np.sqrt(max(variance - usual, 0.0)) == pytest.approx(lost, rel=1e-3, abs=1e-6)
 
 
@@ -325,11 +325,13 @@ def flaws_before_stops(events: list[LiveEvent]) -> list[list[str]]:
     return told[:-1]
 
 
-def test_a_clipped_turn_is_told_with_its_stop() -> None:
+def test_a_clipped_move_loses_no_stop_and_is_told_with_it() -> None:
     recording = simulate("pick-and-place-stops", "modern", 0).recording
-    _, events = fed(replace(recording, gyr=np.clip(not_none(recording.gyr), -10.0, 10.0)))
-    clipped = "the gyro was at the end of its range; move slower, or set a larger range"
-    assert flaws_before_stops(events) == [*4 * [[]], [clipped]]
+    end = "was at the end of its range; move slower, or set a larger range"
+    turn = replace(recording, gyr=np.clip(not_none(recording.gyr), -10.0, 10.0))
+    assert flaws_before_stops(fed(turn)[1]) == [*4 * [[]], [f"the gyro {end}"]]
+    shift = replace(recording, acc=np.clip(recording.acc, -12.0, 12.0))
+    assert flaws_before_stops(fed(shift)[1]) == [[], [f"the accelerometer {end}"], *3 * [[]]]
 
 
 def test_a_knock_or_a_wrong_turn_at_an_unknown_time_leaves_its_motion_uncertain() -> None:
@@ -446,6 +448,18 @@ def test_a_slow_hand_stops_where_it_does_and_nowhere_else() -> None:
     assert (announced < ends).all()
     speed = np.linalg.norm(np.gradient(demo.truth.p_nav_sensor, demo.truth.t, axis=0), axis=1)
     assert np.interp(announced, demo.truth.t, speed).max() < 0.02
+
+
+@uncalibrated
+@pytest.mark.parametrize(("sensor", "move_s"), [("wt901", 1.0), ("ideal", 1.6)])
+def test_a_turn_back_that_seemed_a_stop_gives_way_to_the_stop_after_it(sensor: str, move_s: float) -> None:
+    there, back = Waypoint((0.05, 0.0, 0.0), move_s=move_s), Waypoint(move_s=move_s)
+    away = Waypoint((0.2, 0.0, 0.1), move_s=1.0, rest_s=1.0), Waypoint((0.2, 0.2, 0.1), move_s=1.0, rest_s=1.0)
+    task = Task("turns", (Waypoint(rest_s=2.0), there, back, there, back, *away))
+    tracker, events = fed(simulate(task, sensor, 0).recording)
+    assert len(began(events)) > 3  # a turn was taken for a stop
+    rests = stop_starts(task)[-2:]
+    assert [keyframe.t for keyframe in tracker.keyframes[1:]] == pytest.approx(rests + 0.5, abs=0.1)
 
 
 def test_the_hand_is_seen_on_its_way() -> None:

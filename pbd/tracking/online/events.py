@@ -23,12 +23,14 @@ class StopBegan:
         t: s, when the stop began.
         announced_t: s, time of the sample that gave this event.
         keyframe: the stop so far: time, dwell and pose.
+        continues: whether it continues the stop that had this index; else that was no stop, if there was one.
     """
 
     index: int
     t: float
     announced_t: float
     keyframe: Keyframe
+    continues: bool = False
 
 
 @dataclass(frozen=True, eq=False)

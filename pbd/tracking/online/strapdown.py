@@ -11,6 +11,7 @@ from pbd.tracking.moving_windows import rows_of_mean
 from pbd.tracking.noise import Noise, densities
 from pbd.tracking.online.sample_repair import RepairedSample
 from pbd.tracking.repair.channel_faults import REPEATED_ROWS
+from pbd.tracking.repair.saturation import LEAST_RANGE
 from pbd.tracking.smoother.knots import MOVE_KNOT_S
 from pbd.tracking.smoother.preintegration import (
     BLOCK_S,
@@ -28,7 +29,26 @@ from pbd.tracking.smoother.preintegration import (
 
 CLIPPED_RATE, CLIPPED_SHARE = 3.0, 0.2
 """Smallest rate, rad/s, at which a gyro axis that repeats its largest reading counts as clipped.
-One sigma of the rate that is lost by clipping, as a share of the largest reading."""
+One sigma of what is lost by clipping, as a share of the largest reading."""
+
+
+class EndOfRange:
+    """Finds where a channel is at the end of its range: an axis repeats its largest reading, and `least` or more."""
+
+    def __init__(self, least: float) -> None:
+        self._largest, self._same = least, 0
+
+    def lost(self, readings: Array, before: Array, dt: float) -> float:
+        """Variance that this row's share adds to the channel's integral; 0 within the range."""
+        sizes = [abs(each) for each in readings.tolist()]
+        same = (readings == before).tolist()
+        repeats = any(alike and size >= self._largest for alike, size in zip(same, sizes, strict=True))
+        self._same = self._same + 1 if repeats else 0
+        self._largest = max(self._largest, *sizes)
+        if self._same < REPEATED_ROWS - 1:
+            return 0.0
+        # All to one side: variance grows as the square of the duration.
+        return (CLIPPED_SHARE * dt * self._largest) ** 2 * (2.0 * self._same + 1.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +76,7 @@ class Strapdown:
         u: (3,) m/s2, specific force in the gyro frame.
         rate: (3,) rad/s, without the first rest's mean.
         T, U, P: the block so far: duration s, change of velocity (3,) m/s, displacement from standing (3,) m.
-        clipped: whether the gyro was at the end of its range; the reader resets it.
+        clipped: "gyro" or "accelerometer" if it was at the end of its range, else ""; the reader resets it.
     """
 
     def __init__(self, first: RepairedSample, interval: float, noise: Noise, gyro_bias: Array, no_gyro: bool) -> None:
@@ -65,11 +85,11 @@ class Strapdown:
         self.block = max(1, round(BLOCK_S / interval))
         self.C: Array = _device_attitude(first) if no_gyro else np.eye(3)
         self.rate = first.gyr - gyro_bias
-        self._acc, self._t = first.acc, first.t
+        self._acc, self._gyr, self._t = first.acc, first.gyr, first.t
         self._before = self.rate
         self.u: Array = self.C @ first.acc
         self._u_before = self.u
-        self._same, self._fastest, self.clipped = 0, 0.0, False
+        self._ranges, self.clipped = (EndOfRange(CLIPPED_RATE), EndOfRange(LEAST_RANGE["acc"])), ""
         # Rows of u and rate that `densities` needs before and after each row. So noise is added this many rows late.
         self._beside = 3 * rows_of_mean(1.0 / interval) - 1
         first_rows = [(self.u, self.rate)] * (2 * self._beside)
@@ -94,8 +114,12 @@ class Strapdown:
             rate = sample.gyr - self._bias
             turn = _middles(dt, self._before, self.rate, rate) + dt**2 / 12.0 * _cross(self.rate, rate)
             self.C = self.C @ turn_matrix(turn)
-            self._detect_clipping(sample.gyr, rate, dt)
-        self._before, self.rate, self._acc, self._t = self.rate, rate, sample.acc, sample.t
+            lost = self._ranges[0].lost(sample.gyr, self._gyr, dt), self._ranges[1].lost(sample.acc, self._acc, dt)
+            if any(lost):
+                self.clipped = "gyro" if lost[0] else "accelerometer"
+                self._gap_noise += lost
+        self._before, self.rate, self._t = self.rate, rate, sample.t
+        self._acc, self._gyr = sample.acc, sample.gyr
         u = self.C @ sample.acc
         gained = _middles(dt, self._u_before, self.u, u)
         self.P = self.P + dt * (self.U + 0.5 * gained) - dt**2 / 12.0 * (u - self.u)
@@ -110,17 +134,6 @@ class Strapdown:
         self._accs.append(sample.acc)
         self._by_lag = self._by_lag + _cross(rate, sample.acc)
         self._recent.append((self.u, rate))
-
-    def _detect_clipping(self, gyr: Array, rate: Array, dt: float) -> None:
-        readings, least = [abs(each) for each in gyr.tolist()], max(CLIPPED_RATE, self._fastest)
-        same = (rate == self.rate).tolist()
-        repeats = any(alike and reading >= least for alike, reading in zip(same, readings, strict=True))
-        self._same = self._same + 1 if repeats else 0
-        self._fastest = max(self._fastest, *readings)
-        if self._same >= REPEATED_ROWS - 1:
-            self.clipped = True
-            lost = CLIPPED_SHARE * dt * self._fastest
-            self._gap_noise[0] += lost**2 * (2.0 * self._same + 1.0)  # variance grows as the square of the duration
 
     def leg(self, up: Array, quiet: bool = False) -> Leg:
         """The leg since the last call; `up` (3,) m/s2 is specific force at rest, in the gyro frame.

@@ -13,7 +13,7 @@ from pbd.pose import Array
 from pbd.tracking.first_rest import QUIET_ACC, QUIET_GYR, QUIET_RATIO, REST_S, STILL_ACC, Rest, find_rest
 from pbd.tracking.noise import Noise, noise_of
 from pbd.tracking.online.events import DataFlaw, LiveEvent, RestFound, StopBegan, StopEnded
-from pbd.tracking.online.live_stops import LiveHand
+from pbd.tracking.online.live_hand import LiveHand
 from pbd.tracking.online.sample_repair import RepairedSample, SampleRepair
 from pbd.tracking.repair.clock import SLOWEST_HZ
 from pbd.tracking.smoother.attitude import NO_ORIENTATION
@@ -39,9 +39,9 @@ class LiveTracker:
     A tracker is for one thread.
 
     A stop is announced 0.2 s after it began if the velocity is then zero within its sigma, else after two seconds
-    (0.6 s without a gyro). It ends once the hand has moved for 0.2 s. The same index may be announced again. Then the
-    earlier announcement was the beginning of the same stop (the sensor bounced when put down, or was knocked), and the
-    newer keyframe replaces it.
+    (0.6 s without a gyro). It ends once the hand has moved for 0.2 s. The same index may be announced again, and
+    the newer keyframe replaces the earlier: it was the beginning of the same stop (the sensor bounced when put down, or
+    was knocked), or no stop but a slow turn back, as the newer and longer one shows.
 
     Model and noise are those of `pbd.track`. Only `pbd.track` uses later stops, the quietest second of the whole
     recording, known places, and a foot's short pauses, which are too restless for a stop here. Only it corrects clipped
