@@ -16,6 +16,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from pbd.fusion.elimination import Part, Precision, by_take, solve
 from pbd.fusion.marginals import BIAS_PART, DEVICE_ERRORS, Marginal
 from pbd.fusion.scatter import Scatter
 from pbd.pose import Array, matrix_log, quat_about_z, quat_exp, quat_to_matrix, skew
@@ -33,6 +34,10 @@ DAMPING = 0.01
 MAX_ITERATIONS, CONVERGED, CONVERGED_LOG = 25, 1e-3, 0.01
 """Gauss-Newton: largest number of iterations; largest last fall of chi-square, and last change of the scatter's
 logarithms."""
+
+
+TURN, LEVER = slice(0, 3), slice(3, 6)
+"""Q and l among a take's own unknowns."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,7 +116,7 @@ class JointEstimate:
         cov: (6J, 6J), covariance of the keyframes' positions (m) and rotation vectors (rad) in nav.
         scatter: the hand's scatter.
         residuals: (N,), those of all takes.
-        precision: (N, N), inverse covariance of the residuals, with the unknowns marginalised out.
+        precision: their inverse covariance.
         cov_devices: (D, DEVICE_ERRORS, DEVICE_ERRORS), covariance of each device's errors.
         turn_sigma: (K,) rad, sigma of each sensor's rotation in the hand about its least certain axis.
     """
@@ -120,14 +125,15 @@ class JointEstimate:
     cov: Array
     scatter: Scatter
     residuals: Array
-    precision: Array
+    precision: Precision
     cov_devices: Array
     turn_sigma: Array
 
     def chi_squares(self, sets: Sequence[NDArray[np.intp]]) -> Array:
-        """Return the fall of chi-square without each set of residuals; the set's size is its degrees of freedom."""
-        weighted = self.precision @ self.residuals
-        return np.array([weighted[i] @ np.linalg.solve(self.precision[np.ix_(i, i)], weighted[i]) for i in sets])
+        """Return the fall of chi-square without each set of one take's residuals; the set's size is its degrees of
+        freedom."""
+        weighted = self.precision.times(self.residuals)
+        return np.array([weighted[i] @ np.linalg.solve(self.precision.within_take(i), weighted[i]) for i in sets])
 
 
 def estimate_jointly(
@@ -138,44 +144,33 @@ def estimate_jointly(
     From an estimate with another scatter, one iteration suffices for the fit to this scatter.
     """
     takes, devices = len(observations.marginals), len(x.devices)
-    columns = _Columns(len(x.m), len(x.yaw), takes, devices)
     group = scatter.group[observations.at].ravel()
     covs = [
         _relative_covariance(marginal, observations.own[observations.take == k])
         for k, marginal in enumerate(observations.marginals)
     ]
-    prior, prior_devices = _prior_information(observations, columns)
-    of_devices = slice(columns.devices, columns.count)
-    of_takes = columns.take(np.arange(1, takes))[:, None]
-    turns, levers = of_takes + np.arange(3), (of_takes + np.arange(3, 6)).ravel()
-    lever_variance = _lever_variance(float((x.lever**2).sum()) + len(levers) * LEVER_M**2, len(levers))
+    priors = [_prior_of_device(observations, d) for d in range(devices)]
+    levers = 3 * (takes - 1)
+    lever_variance = _lever_variance(float((x.lever**2).sum()) + levers * LEVER_M**2, levers)
     for _ in range(iterations):
-        r, J = _residuals(observations, x, columns)
-        W, WJ, tracking = np.zeros((len(r), len(r))), np.empty_like(J), np.zeros((len(r), len(r)))
+        r, J = _residuals(observations, x)
         hand = scatter.sigma[observations.at].ravel() ** 2
-        for rows, cov_take in zip(observations.rows, _in_task_frame(observations, covs, x.Rz), strict=True):
-            tracking[rows, rows] = scatter.tracker * cov_take
-            W[rows, rows] = np.linalg.inv(tracking[rows, rows] + np.diag(hand[rows]))
-            WJ[rows] = W[rows, rows] @ J[rows]
-        information, gradient = prior.copy(), WJ.T @ r
-        gradient[of_devices] += prior[of_devices, of_devices] @ x.devices.ravel() - prior_devices
-        information[levers, levers] += 1.0 / lever_variance
-        gradient[levers] += x.lever[1:].ravel() / lever_variance
-        cov: Array = np.asarray(np.linalg.inv(J.T @ WJ + information), dtype=np.float64)
-        step = -cov @ gradient
-        precision = W - WJ @ cov @ WJ.T
-        weighted = W @ (r + J @ step)
-        x = _updated(x, step, columns)
-        square = float((x.lever**2).sum() + np.diagonal(cov)[levers].sum())
-        lever_variance = _lever_variance(square, len(levers))
-        before, scatter = scatter, scatter.improved(precision, weighted, group, tracking)
-        if -gradient @ step < CONVERGED and scatter.change(before) < CONVERGED_LOG:
+        tracking = [scatter.tracker * cov for cov in _in_task_frame(observations, covs, x.Rz)]
+        covs_rows = zip(observations.rows, tracking, strict=True)
+        weights: list[Array] = [np.asarray(np.linalg.inv(cov + np.diag(hand[rows]))) for rows, cov in covs_rows]
+        solved = solve(_parts(observations, x, priors, lever_variance), weights, J, r)
+        x = _updated(x, solved.steps)
+        lever_covs = [cov[LEVER, LEVER] for cov in solved.covs[1:takes]]
+        square = float((x.lever**2).sum() + sum(np.trace(cov) for cov in lever_covs))
+        lever_variance = _lever_variance(square, levers)
+        weighted = by_take(weights, solved.residuals)
+        before, scatter = scatter, scatter.improved(solved.precision, weighted, group, tracking)
+        if solved.fall < CONVERGED and scatter.change(before) < CONVERGED_LOG:
             break
-    turn_sigma = np.zeros(takes)  # relative to the first take, so 0 there
-    turn_sigma[1:] = np.sqrt(np.linalg.eigvalsh(cov[turns[:, :, None], turns[:, None]])[:, -1])
-    cov_devices = np.array([cov[columns.device(d), columns.device(d)] for d in range(devices)])
-    cov_poses = cov[columns.poses, columns.poses]
-    return JointEstimate(x, cov_poses, scatter, r + J @ step, precision, cov_devices, turn_sigma)
+    turn_sigma = np.sqrt([np.linalg.eigvalsh(cov[TURN, TURN])[-1] for cov in solved.covs[:takes]])
+    turn_sigma[0] = 0.0  # relative to the first take
+    cov_devices = np.array(solved.covs[takes:-1])
+    return JointEstimate(x, solved.covs[-1], scatter, solved.residuals, solved.precision, cov_devices, turn_sigma)
 
 
 def _lever_variance(square: float, count: int) -> float:
@@ -203,48 +198,37 @@ def _relative_covariance(marginal: Marginal, own: NDArray[np.intp]) -> Array:
     return np.asarray(cov[np.ix_(i, i)])
 
 
-class _Columns:
-    """Columns of the unknowns: keyframes (m, A), takes but the first (Q, l, then each frame's yaw and c), devices.
-
-    Attributes:
-        poses: the columns of all keyframes.
-        per_take: number of columns of a take.
-        devices: first column of the devices.
-        count: number of all columns.
-    """
-
-    def __init__(self, keyframes: int, frames: int, takes: int, devices: int) -> None:
-        self.poses = slice(0, 6 * keyframes)
-        self.per_take = 6 + 4 * frames
-        self.devices = 6 * keyframes + self.per_take * (takes - 1)
-        self.count = self.devices + DEVICE_ERRORS * devices
-
-    def take(self, k: NDArray[np.intp]) -> NDArray[np.intp]:
-        """Return the first column of each take in k (n,)."""
-        return np.asarray(self.poses.stop + self.per_take * (k - 1))
-
-    def device(self, d: int) -> slice:
-        return slice(self.devices + DEVICE_ERRORS * d, self.devices + DEVICE_ERRORS * (d + 1))
+def _prior_of_device(observations: Observations, d: int) -> tuple[Array, Array]:
+    """Return the information of prior and takes on a device's errors, and that times the errors."""
+    own = [m for m, device in zip(observations.marginals, observations.device, strict=True) if device == d]
+    # The widest prior counts: if one take casts doubt on an accelerometer, the doubt holds for all its takes.
+    widest = min(own, key=lambda marginal: float(np.trace(marginal.prior[BIAS_PART, BIAS_PART])))
+    information = widest.prior + sum(marginal.information for marginal in own)
+    return information, widest.prior @ widest.mean + sum(marginal.gradient for marginal in own)
 
 
-def _prior_information(observations: Observations, columns: _Columns) -> tuple[Array, Array]:
-    """Return the information of damping, priors and the takes on their devices; for devices also times the errors."""
-    information = np.diag(np.where(np.arange(columns.count) < columns.devices, DAMPING, 0.0))
-    product = np.zeros(columns.count)
-    for d in sorted(set(observations.device)):
-        own = [m for m, device in zip(observations.marginals, observations.device, strict=True) if device == d]
-        at = columns.device(d)
-        # The widest prior counts: if one take casts doubt on an accelerometer, the doubt holds for all its takes.
-        widest = min(own, key=lambda marginal: float(np.trace(marginal.prior[BIAS_PART, BIAS_PART])))
-        information[at, at] += widest.prior + sum(marginal.information for marginal in own)
-        product[at] = widest.prior @ widest.mean + sum(marginal.gradient for marginal in own)
-    return information, product[columns.devices :]
+def _parts(
+    observations: Observations, x: TaskState, priors: Sequence[tuple[Array, Array]], lever_variance: float
+) -> list[Part]:
+    """Return the unknowns: each take's own (Q, l, then each frame's yaw and c), each device's, the keyframes (m, A)."""
+    device = slice(6 + 4 * len(x.yaw), 6 + 4 * len(x.yaw) + DEVICE_ERRORS)
+    of_row, damping = np.take(observations.device, observations.take).repeat(6), np.full(device.start, DAMPING)
+    damping[LEVER] += 1.0 / lever_variance
+    gradient = np.zeros((len(x.lever), device.start))
+    gradient[:, LEVER] = x.lever / lever_variance
+    own, information = slice(0, device.start), np.diag(damping)
+    parts = [Part(rows, own, information, one) for rows, one in zip(observations.rows, gradient, strict=True)]
+    for d, (prior, product) in enumerate(priors):
+        parts.append(Part(np.flatnonzero(of_row == d), device, prior, prior @ x.devices[d] - product))
+    poses = slice(device.stop, device.stop + 6 * len(x.m))
+    return [*parts, Part(slice(None), poses, DAMPING * np.eye(6 * len(x.m)), np.zeros(6 * len(x.m)))]
 
 
-def _residuals(observations: Observations, x: TaskState, columns: _Columns) -> tuple[Array, Array]:
-    """Return the residuals (6n,) and their Jacobian (6n, columns.count)."""
+def _residuals(observations: Observations, x: TaskState) -> tuple[Array, Array]:
+    """Return the residuals (6n,) and their Jacobian (6n, C) by the `_parts` of their take, its device and all takes."""
     take, at, count = observations.take, observations.at, len(observations.at)
-    frame, device = observations.frame[at], np.take(observations.device, take)
+    frame, of_device = observations.frame[at], 6 + 4 * len(x.yaw)
+    of_poses = of_device + DEVICE_ERRORS
     by_take = [
         (*marginal.poses_with_device(x.devices[d]), marginal.by_device.reshape(-1, 6, DEVICE_ERRORS))
         for marginal, d in zip(observations.marginals, observations.device, strict=True)
@@ -256,41 +240,39 @@ def _residuals(observations: Observations, x: TaskState, columns: _Columns) -> t
     A = x.A[at]
     lever = (A @ x.lever[take][..., None])[..., 0]
     r = np.concatenate((p + x.c[frame, take] - x.m[at] - lever, matrix_log(R @ A.transpose(0, 2, 1))), axis=1)
-    J = np.zeros((count, 6, columns.count))
+    J = np.zeros((count, 6, of_poses + 6 * len(x.m)))
 
-    def put(which: NDArray[np.intp], row: int, first: NDArray[np.intp], block: Array) -> None:
+    def put(which: NDArray[np.intp], row: int, first: NDArray[np.intp] | int, block: Array) -> None:
         """Set derivatives (w, 3, c) of residuals `which` (w,), from `row` on, by the unknowns from `first` (w,) on."""
-        J[which[:, None, None], row + np.arange(3)[:, None], first[:, None, None] + np.arange(block.shape[2])] = block
+        columns = np.broadcast_to(first, which.shape)[:, None, None] + np.arange(block.shape[2])
+        J[which[:, None, None], row + np.arange(3)[:, None], columns] = block
 
     every, later = np.arange(count), np.flatnonzero(take != take[0])  # later: not of the first take that is left
     one, up = np.eye(3)[None], np.array((0.0, 0.0, 1.0))
-    put(every, 0, 6 * at, -one)
-    put(every, 0, 6 * at + 3, skew(lever))
-    put(every, 3, 6 * at + 3, -one)
-    of_take = columns.take(take[later])
-    put(later, 3, of_take, R[later])
-    put(later, 0, of_take + 3, -A[later])
-    yaw = of_take + 6 + 4 * frame[later]
+    put(every, 0, of_poses + 6 * at, -one)
+    put(every, 0, of_poses + 6 * at + 3, skew(lever))
+    put(every, 3, of_poses + 6 * at + 3, -one)
+    put(later, 3, TURN.start, R[later])
+    put(later, 0, LEVER.start, -A[later])
+    yaw = 6 + 4 * frame[later]
     put(later, 0, yaw, np.cross(up, p[later])[..., None])
     put(later, 3, yaw, up[None, :, None])
     put(later, 0, yaw + 1, one)
-    of_device = columns.devices + DEVICE_ERRORS * device
     put(every, 0, of_device, Rz @ by_device[:, :3])
     put(every, 3, of_device, Rz @ by_device[:, 3:])
     return r.ravel(), J.reshape(6 * count, -1)
 
 
-def _updated(x: TaskState, step: Array, columns: _Columns) -> TaskState:
-    poses = step[columns.poses].reshape(-1, 6)
-    takes = np.zeros((x.yaw.shape[1], columns.per_take))
-    takes[1:] = step[columns.poses.stop : columns.devices].reshape(-1, columns.per_take)
-    frames = takes[:, 6:].reshape(len(takes), -1, 4).transpose(1, 0, 2)
+def _updated(x: TaskState, steps: Sequence[Array]) -> TaskState:
+    """Return the state after a step of each of its `_parts`."""
+    own, devices, poses = np.array(steps[: len(x.lever)]), np.array(steps[len(x.lever) : -1]), steps[-1].reshape(-1, 6)
+    frames = own[:, 6:].reshape(len(own), -1, 4).transpose(1, 0, 2)
     return TaskState(
         x.m + poses[:, :3],
         quat_to_matrix(quat_exp(poses[:, 3:])) @ x.A,
         x.yaw + frames[..., 0],
         x.c + frames[..., 1:],
-        x.Q @ quat_to_matrix(quat_exp(takes[:, :3])),
-        x.lever + takes[:, 3:6],
-        x.devices + step[columns.devices :].reshape(-1, DEVICE_ERRORS),
+        x.Q @ quat_to_matrix(quat_exp(own[:, TURN])),
+        x.lever + own[:, LEVER],
+        x.devices + devices,
     )

@@ -9,11 +9,13 @@ R. Thompson and B. R. Cullis, Average information REML, Biometrics 51 (1995).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pbd.fusion.elimination import Precision, by_take
 from pbd.pose import Array
 
 HAND_M, HAND_RAD, HAND_SPREAD = 0.002, np.radians(2.0), 1.4
@@ -59,31 +61,35 @@ class Scatter:
         """Standard deviations (J, 6), m and rad."""
         return np.asarray(np.exp(self.log)[self.group])
 
-    def improved(self, precision: Array, weighted: Array, rows: NDArray[np.intp], tracking: Array) -> Scatter:
+    def improved(
+        self, precision: Precision, weighted: Array, group: NDArray[np.intp], tracking: Sequence[Array]
+    ) -> Scatter:
         """Return the scatter after a step of Fisher scoring.
 
         Args:
-            precision: (N, N), inverse covariance of the residuals, with the unknowns marginalised out.
+            precision: of the residuals.
             weighted: (N,) precision times the residuals.
-            rows: (N,) group of each residual.
-            tracking: (N, N) the tracker's covariance, times the present factor.
+            group: (N,) group of each residual.
+            tracking: the tracker's covariance of each take's residuals, times the present factor.
         """
         count, variance = len(self.log), np.exp(2.0 * self.log)
-        members = np.eye(count)[rows]  # (N, g)
+        members, blocks = np.eye(count)[group], precision.blocks
         # Where a variance is too large, the likelihood's curvature exceeds Fisher's by its gradient. Then Fisher's step
         # alone would overshoot and oscillate.
-        slope = variance * (members.T @ (weighted**2 - np.diagonal(precision)))
+        diagonal = np.concatenate([np.diagonal(block) for block in blocks])
+        slope = variance * (members.T @ (weighted**2 - diagonal))
         gradient = slope - (self.log - self.prior_log) / self.prior_spread**2
-        expected = 2.0 * np.outer(variance, variance) * (members.T @ precision**2 @ members)
+        expected = 2.0 * np.outer(variance, variance) * precision.squares(members)
         information = expected + np.diag(self.prior_spread**-2.0)
         curvature = information + np.diag(np.maximum(-2.0 * slope, 0.0))
         step = np.clip(np.linalg.solve(curvature, gradient), -LARGEST_STEP, LARGEST_STEP)
         found = replace(self, log=self.log + step, log_sigma=np.sqrt(np.diagonal(np.linalg.inv(information))))
         if np.isinf(self.tracker_freedom):
             return found
-        drifted = tracking @ weighted
-        shown, due, prior = weighted @ drifted, (precision * tracking).sum(), self.tracker_freedom / self.tracker
-        average_information = drifted @ precision @ drifted + max(due - shown, 0.0) + prior
+        drifted = by_take(tracking, weighted)
+        due = sum(float((block * cov).sum()) for block, cov in zip(blocks, tracking, strict=True))
+        shown, prior = float(weighted @ drifted), self.tracker_freedom / self.tracker
+        average_information = drifted @ precision.times(drifted) + max(due - shown, 0.0) + prior
         step = np.clip((shown - due + prior - self.tracker_freedom) / average_information, -LARGEST_STEP, LARGEST_STEP)
         return replace(found, tracker=self.tracker * float(np.exp(step)))
 

@@ -1,16 +1,17 @@
 """The joint estimate recovers a made-up task, the hand's scatter and outliers."""
 
+import tracemalloc
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy.special import chdtrc
 
+from pbd.fusion.elimination import Part, Precision
 from pbd.fusion.joint_estimate import (
     MAX_ITERATIONS,
     Observations,
     TaskState,
-    _Columns,
     _residuals,
     _updated,
     estimate_jointly,
@@ -30,10 +31,10 @@ def test_the_jacobian_agrees_with_finite_differences() -> None:
     true = truth(3)
     takes, x = replace(observations(true, np.array(0.0), MM), frame=np.array((0, 0, 1, 1, 0, 0))), initial_state(true)
     x = replace(x, yaw=np.vstack((x.yaw, x.yaw + 0.01)), c=np.concatenate((x.c, x.c)))
-    columns = _Columns(len(x.m), 2, 3, 1)
-    r, J = _residuals(takes, x, columns)
-    steps = 1e-6 * np.eye(columns.count)
-    found = np.column_stack([(_residuals(takes, _updated(x, step, columns), columns)[0] - r) / 1e-6 for step in steps])
+    r, J = _residuals(takes, x)
+    of_take, device, poses = np.split(1e-6 * np.eye(J.shape[1]), np.cumsum((14, DEVICE_ERRORS)), axis=1)
+    steps = zip(np.zeros_like(of_take), of_take, of_take, device, poses, strict=True)  # the first take has none
+    found = np.column_stack([(_residuals(takes, _updated(x, step))[0] - r) / 1e-6 for step in steps])
     np.testing.assert_allclose(found, J, atol=0.03)  # the Jacobian neglects second order of a rotation of 0.03 rad
 
 
@@ -97,12 +98,26 @@ def test_a_scatter_below_the_trackers_sigma_stays_near_its_prior() -> None:
 def test_a_scatter_below_the_trackers_sigma_converges_without_oscillation(tracker: float, off: float) -> None:
     scatter = common_scatter(4)
     rows = scatter.group.ravel()
-    drift = np.full(len(rows), (tracker * MM) ** 2)
+    drift, no_unknowns = np.full(len(rows), (tracker * MM) ** 2), Part(slice(None), slice(0), np.eye(0), np.zeros(0))
     for _ in range(40):
         variance, before = drift + np.exp(2.0 * scatter.log)[rows], scatter
         residuals = off * np.sqrt(drift)
-        scatter = scatter.improved(np.diag(1.0 / variance), residuals / variance, rows, np.diag(drift))
+        precision = Precision([np.diag(1.0 / variance)], [no_unknowns], np.zeros((len(rows), 0)))
+        scatter = scatter.improved(precision, residuals / variance, rows, [np.diag(drift)])
     assert scatter.change(before) < 1e-3
+
+
+def test_memory_grows_no_faster_than_takes_even_if_each_has_its_own_device() -> None:
+    """A matrix over all residuals, or over all takes' unknowns, would grow with their square."""
+    peaks = []
+    for takes in (10, 20):
+        shown, x = observations(truth(takes), np.array(MM), MM), initial_state(truth(takes))
+        shown, x = replace(shown, device=tuple(range(takes))), replace(x, devices=np.zeros((takes, DEVICE_ERRORS)))
+        tracemalloc.start()
+        estimate_jointly(shown, x, common_scatter(6), iterations=1)
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    assert peaks[1] < 2.2 * peaks[0]
 
 
 def test_the_uncertain_heading_of_a_nav_does_not_matter() -> None:
