@@ -1,4 +1,4 @@
-"""Least squares with nested unknowns, eliminated part by part (Schur complements): time is linear in takes.
+"""Least squares of takes, whose unknowns are eliminated part by part (Schur complements): time is linear in takes.
 
 A take's own unknowns are in its residuals only, a device's errors in those of its takes, the keyframes in all.
 """
@@ -18,8 +18,8 @@ class Part:
 
     Attributes:
         rows: the residuals that depend on them.
-        at: their columns. Parts without common residuals may have the same columns.
-        information, gradient: (c, c) and (c,), those of their prior.
+        at: their columns; parts without common residuals have the same ones.
+        information, gradient: (c, c) and (c,), of their prior.
     """
 
     rows: slice | NDArray[np.intp]
@@ -30,13 +30,12 @@ class Part:
 
 @dataclass(frozen=True, eq=False)
 class Precision:
-    """Inverse covariance (N, N) of the residuals of K takes, with the unknowns marginalised out. It is not stored as a
-    whole.
+    """Inverse covariance (N, N) of the residuals of K takes, with the unknowns marginalised out; never stored whole.
 
     Attributes:
-        weights: inverse covariance of each take's residuals, given all unknowns.
-        parts: those of the K takes, then those that takes share, with later columns.
-        low: (N, C); a part's rows and columns, times their transpose, are what it takes away.
+        weights: that of each take's residuals, given all unknowns.
+        parts: the unknowns of the K takes, then those that takes share, in later columns.
+        low: (N, C); a part takes away its rows and columns of it, times their transpose.
     """
 
     weights: Sequence[Array]
@@ -46,14 +45,14 @@ class Precision:
     @property
     def blocks(self) -> list[Array]:
         """The block of each take's residuals."""
-        low = [self.low[part.rows] for part in self.parts[: len(self.weights)]]
-        return [W - one @ one.T for W, one in zip(self.weights, low, strict=True)]
+        low = [self.low[part.rows] for part in self.parts]
+        return [W - one @ one.T for W, one in zip(self.weights, low, strict=False)]
 
     def within_take(self, i: NDArray[np.intp]) -> Array:
         """Return rows and columns i (n,) of one take's residuals."""
         ends = np.cumsum([len(W) for W in self.weights])
         k = int(np.searchsorted(ends, i[0], side="right"))
-        own = i - (ends[k] - len(self.weights[k]))
+        own = i - ends[k]  # from the end
         return np.asarray(self.weights[k][np.ix_(own, own)] - self.low[i] @ self.low[i].T)
 
     def times(self, vector: Array) -> Array:
@@ -66,30 +65,23 @@ class Precision:
 
     def squares(self, members: Array) -> Array:
         """Return the sums (g, g) of its squared elements over groups of residuals; members (N, g) are 1, others 0."""
-        sums, takes = np.zeros(2 * members.shape[1:]), len(self.weights)
-        for part, block in zip(self.parts[:takes], self.blocks, strict=True):
-            low, own = self.low[part.rows, part.at.stop :], members[part.rows]
-            sums += own.T @ (block**2 - (low @ low.T) ** 2) @ own
-        for part in self.parts[takes:]:  # the rest is products of low: those of a part's with its own and later columns
-            low, later = self.low[part.rows, part.at], self.low[part.rows, part.at.start :].copy()
-            later[:, low.shape[1] :] *= np.sqrt(2.0)
-            products = np.empty((len(sums), low.shape[1] * later.shape[1]))
-            for of_group, own in zip(products, members[part.rows].T > 0.0, strict=True):
-                of_group[:] = (low[own].T @ later[own]).ravel()
+        sums, blocks = np.zeros(2 * members.shape[1:]), self.blocks
+        for part, block in zip(self.parts, blocks, strict=False):
+            later, own = self.low[part.rows, part.at.stop :], members[part.rows]
+            sums += own.T @ (block**2 - (later @ later.T) ** 2) @ own
+        for part in self.parts[len(blocks) :]:  # squares of sums: each part's with itself, and twice with later ones
+            low, later = self.low[part.rows, part.at], self.low[part.rows, part.at.stop :]
+            low_later = np.hstack((low, np.sqrt(2.0) * later))
+            products = np.empty((len(sums), low.shape[1] * low_later.shape[1]))
+            for product, own in zip(products, members[part.rows].T > 0.0, strict=True):
+                product[:] = (low[own].T @ low_later[own]).ravel()
             sums += products @ products.T
         return sums
 
 
 @dataclass(frozen=True, eq=False)
 class Solved:
-    """Least squares as solved.
-
-    Attributes:
-        steps, covs: step (c,) and covariance (c, c) of each part's unknowns.
-        residuals: (N,), after the step.
-        fall: of chi-square.
-        precision: of the residuals.
-    """
+    """Step and covariance of each part's unknowns, residuals (N,) after the step, the fall of chi-square."""
 
     steps: Sequence[Array]
     covs: Sequence[Array]
@@ -99,9 +91,9 @@ class Solved:
 
 
 def solve(parts: Sequence[Part], weights: Sequence[Array], J: Array, r: Array) -> Solved:
-    """Return the step from residuals r (N,) with Jacobian J (N, C); see `Precision`."""
+    """Solve for residuals r (N,) with Jacobian J (N, C); for parts and weights see `Precision`."""
     WJ, Wr, low = by_take(weights, J), by_take(weights, r), np.empty_like(J)
-    reduced = []
+    roots, towards = list[Array](), list[Array]()
     for part in parts:
         rows, at, later = part.rows, part.at, slice(part.at.stop, None)
         root = np.linalg.inv(np.linalg.cholesky(J[rows, at].T @ WJ[rows, at] + part.information))
@@ -109,19 +101,19 @@ def solve(parts: Sequence[Part], weights: Sequence[Array], J: Array, r: Array) -
         low[rows, at] = own = WJ[rows, at] @ root.T
         WJ[rows, later] -= own @ (own.T @ J[rows, later])
         Wr[rows] -= own @ toward
-        reduced.append((part, own, root, toward))
+        roots.append(root)
+        towards.append(toward)
     # A part's errors are these columns times independent errors of variance 1; the last column is its step.
-    fitted, columns = np.zeros((len(r), J.shape[1] + 1)), []
-    for part, own, root, toward in reversed(reduced):
-        right = own.T @ fitted[part.rows]
+    fitted, columns = np.zeros((len(r), J.shape[1] + 1)), list[Array]()
+    for part, root, toward in zip(parts[::-1], roots[::-1], towards[::-1], strict=True):
+        right = low[part.rows, part.at].T @ fitted[part.rows]
         right[:, part.at] = np.eye(len(root))
         right[:, -1] += toward
-        columns.append(-root.T @ right)
-        fitted[part.rows] += J[part.rows, part.at] @ columns[-1]
-    steps = [one[:, -1] for one in reversed(columns)]
-    covs = [one[:, :-1] @ one[:, :-1].T for one in reversed(columns)]
-    fall = sum(float(toward @ toward) for *_, toward in reduced)
-    return Solved(steps, covs, r + fitted[:, -1], fall, Precision(weights, parts, low))
+        columns.insert(0, -root.T @ right)
+        fitted[part.rows] += J[part.rows, part.at] @ columns[0]
+    covs = [one[:, :-1] @ one[:, :-1].T for one in columns]
+    fall = sum(float(toward @ toward) for toward in towards)
+    return Solved([one[:, -1] for one in columns], covs, r + fitted[:, -1], fall, Precision(weights, parts, low))
 
 
 def by_take(blocks: Sequence[Array], values: Array) -> Array:

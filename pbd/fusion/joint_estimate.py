@@ -35,7 +35,6 @@ MAX_ITERATIONS, CONVERGED, CONVERGED_LOG = 25, 1e-3, 0.01
 """Gauss-Newton: largest number of iterations; largest last fall of chi-square, and last change of the scatter's
 logarithms."""
 
-
 TURN, LEVER = slice(0, 3), slice(3, 6)
 """Q and l among a take's own unknowns."""
 
@@ -143,34 +142,31 @@ def estimate_jointly(
 
     From an estimate with another scatter, one iteration suffices for the fit to this scatter.
     """
-    takes, devices = len(observations.marginals), len(x.devices)
+    takes, levers = len(observations.marginals), 3 * len(observations.marginals) - 3
     group = scatter.group[observations.at].ravel()
     covs = [
         _relative_covariance(marginal, observations.own[observations.take == k])
         for k, marginal in enumerate(observations.marginals)
     ]
-    priors = [_prior_of_device(observations, d) for d in range(devices)]
-    levers = 3 * (takes - 1)
     lever_variance = _lever_variance(float((x.lever**2).sum()) + levers * LEVER_M**2, levers)
     for _ in range(iterations):
         r, J = _residuals(observations, x)
         hand = scatter.sigma[observations.at].ravel() ** 2
         tracking = [scatter.tracker * cov for cov in _in_task_frame(observations, covs, x.Rz)]
-        covs_rows = zip(observations.rows, tracking, strict=True)
-        weights: list[Array] = [np.asarray(np.linalg.inv(cov + np.diag(hand[rows]))) for rows, cov in covs_rows]
-        solved = solve(_parts(observations, x, priors, lever_variance), weights, J, r)
+        rows_covs = zip(observations.rows, tracking, strict=True)
+        weights: list[Array] = [np.asarray(np.linalg.inv(cov + np.diag(hand[rows]))) for rows, cov in rows_covs]
+        solved = solve(_parts(observations, x, lever_variance), weights, J, r)
         x = _updated(x, solved.steps)
-        lever_covs = [cov[LEVER, LEVER] for cov in solved.covs[1:takes]]
-        square = float((x.lever**2).sum() + sum(np.trace(cov) for cov in lever_covs))
-        lever_variance = _lever_variance(square, levers)
+        square = (x.lever**2).sum() + sum(np.trace(cov[LEVER, LEVER]) for cov in solved.covs[1:takes])
+        lever_variance = _lever_variance(float(square), levers)
         weighted = by_take(weights, solved.residuals)
         before, scatter = scatter, scatter.improved(solved.precision, weighted, group, tracking)
         if solved.fall < CONVERGED and scatter.change(before) < CONVERGED_LOG:
             break
     turn_sigma = np.sqrt([np.linalg.eigvalsh(cov[TURN, TURN])[-1] for cov in solved.covs[:takes]])
     turn_sigma[0] = 0.0  # relative to the first take
-    cov_devices = np.array(solved.covs[takes:-1])
-    return JointEstimate(x, solved.covs[-1], scatter, solved.residuals, solved.precision, cov_devices, turn_sigma)
+    *cov_devices, cov = solved.covs[takes:]
+    return JointEstimate(x, cov, scatter, solved.residuals, solved.precision, np.array(cov_devices), turn_sigma)
 
 
 def _lever_variance(square: float, count: int) -> float:
@@ -198,68 +194,51 @@ def _relative_covariance(marginal: Marginal, own: NDArray[np.intp]) -> Array:
     return np.asarray(cov[np.ix_(i, i)])
 
 
-def _prior_of_device(observations: Observations, d: int) -> tuple[Array, Array]:
-    """Return the information of prior and takes on a device's errors, and that times the errors."""
-    own = [m for m, device in zip(observations.marginals, observations.device, strict=True) if device == d]
-    # The widest prior counts: if one take casts doubt on an accelerometer, the doubt holds for all its takes.
-    widest = min(own, key=lambda marginal: float(np.trace(marginal.prior[BIAS_PART, BIAS_PART])))
-    information = widest.prior + sum(marginal.information for marginal in own)
-    return information, widest.prior @ widest.mean + sum(marginal.gradient for marginal in own)
-
-
-def _parts(
-    observations: Observations, x: TaskState, priors: Sequence[tuple[Array, Array]], lever_variance: float
-) -> list[Part]:
+def _parts(observations: Observations, x: TaskState, lever_variance: float) -> list[Part]:
     """Return the unknowns: each take's own (Q, l, then each frame's yaw and c), each device's, the keyframes (m, A)."""
-    device = slice(6 + 4 * len(x.yaw), 6 + 4 * len(x.yaw) + DEVICE_ERRORS)
-    of_row, damping = np.take(observations.device, observations.take).repeat(6), np.full(device.start, DAMPING)
+    own, poses = slice(0, 6 + 4 * len(x.yaw)), 6 * len(x.m)
+    damping, gradient = np.full(own.stop, DAMPING), np.zeros((len(x.lever), own.stop))
     damping[LEVER] += 1.0 / lever_variance
-    gradient = np.zeros((len(x.lever), device.start))
     gradient[:, LEVER] = x.lever / lever_variance
-    own, information = slice(0, device.start), np.diag(damping)
-    parts = [Part(rows, own, information, one) for rows, one in zip(observations.rows, gradient, strict=True)]
-    for d, (prior, product) in enumerate(priors):
-        parts.append(Part(np.flatnonzero(of_row == d), device, prior, prior @ x.devices[d] - product))
-    poses = slice(device.stop, device.stop + 6 * len(x.m))
-    return [*parts, Part(slice(None), poses, DAMPING * np.eye(6 * len(x.m)), np.zeros(6 * len(x.m)))]
+    parts = [Part(rows, own, np.diag(damping), one) for rows, one in zip(observations.rows, gradient, strict=True)]
+    device, of_row = np.array(observations.device), np.take(observations.device, observations.take).repeat(6)
+    at = slice(own.stop, own.stop + DEVICE_ERRORS)
+    for d, errors in enumerate(x.devices):
+        shown = [observations.marginals[k] for k in np.flatnonzero(device == d)]
+        # The widest prior counts: if one take casts doubt on an accelerometer, the doubt holds for all its takes.
+        widest = min(shown, key=lambda marginal: float(np.trace(marginal.prior[BIAS_PART, BIAS_PART])))
+        information = widest.prior + sum(marginal.information for marginal in shown)
+        product = widest.prior @ widest.mean + sum(marginal.gradient for marginal in shown)
+        parts.append(Part(np.flatnonzero(of_row == d), at, information, information @ errors - product))
+    return [*parts, Part(slice(None), slice(at.stop, at.stop + poses), DAMPING * np.eye(poses), np.zeros(poses))]
 
 
 def _residuals(observations: Observations, x: TaskState) -> tuple[Array, Array]:
     """Return the residuals (6n,) and their Jacobian (6n, C) by the `_parts` of their take, its device and all takes."""
     take, at, count = observations.take, observations.at, len(observations.at)
-    frame, of_device = observations.frame[at], 6 + 4 * len(x.yaw)
-    of_poses = of_device + DEVICE_ERRORS
-    by_take = [
+    frame = observations.frame[at]
+    shown = [
         (*marginal.poses_with_device(x.devices[d]), marginal.by_device.reshape(-1, 6, DEVICE_ERRORS))
         for marginal, d in zip(observations.marginals, observations.device, strict=True)
     ]
     where = list(zip(take.tolist(), observations.own.tolist(), strict=True))
-    p, R, by_device = (np.array([by_take[k][value][i] for k, i in where]) for value in range(3))
+    p, R, by_device = (np.array([shown[k][value][i] for k, i in where]) for value in range(3))
     Rz = x.Rz[frame, take]
     p, R = (Rz @ p[..., None])[..., 0], Rz @ R @ x.Q[take]
     A = x.A[at]
     lever = (A @ x.lever[take][..., None])[..., 0]
     r = np.concatenate((p + x.c[frame, take] - x.m[at] - lever, matrix_log(R @ A.transpose(0, 2, 1))), axis=1)
-    J = np.zeros((count, 6, of_poses + 6 * len(x.m)))
-
-    def put(which: NDArray[np.intp], row: int, first: NDArray[np.intp] | int, block: Array) -> None:
-        """Set derivatives (w, 3, c) of residuals `which` (w,), from `row` on, by the unknowns from `first` (w,) on."""
-        columns = np.broadcast_to(first, which.shape)[:, None, None] + np.arange(block.shape[2])
-        J[which[:, None, None], row + np.arange(3)[:, None], columns] = block
-
-    every, later = np.arange(count), np.flatnonzero(take != take[0])  # later: not of the first take that is left
-    one, up = np.eye(3)[None], np.array((0.0, 0.0, 1.0))
-    put(every, 0, of_poses + 6 * at, -one)
-    put(every, 0, of_poses + 6 * at + 3, skew(lever))
-    put(every, 3, of_poses + 6 * at + 3, -one)
-    put(later, 3, TURN.start, R[later])
-    put(later, 0, LEVER.start, -A[later])
-    yaw = 6 + 4 * frame[later]
-    put(later, 0, yaw, np.cross(up, p[later])[..., None])
-    put(later, 3, yaw, up[None, :, None])
-    put(later, 0, yaw + 1, one)
-    put(every, 0, of_device, Rz @ by_device[:, :3])
-    put(every, 3, of_device, Rz @ by_device[:, 3:])
+    by_hand, by_nav, by_pose = np.zeros((count, 6, 6)), np.zeros((count, 6, 4)), np.tile(-np.eye(6), (count, 1, 1))
+    by_hand[:, 3:, TURN], by_hand[:, :3, LEVER] = R, -A
+    up = np.array((0.0, 0.0, 1.0))
+    by_nav[:, :3, 0], by_nav[:, 3:, 0], by_nav[:, :3, 1:] = np.cross(up, p), up, np.eye(3)
+    by_pose[:, :3, 3:] = skew(lever)
+    by_navs, by_poses = np.zeros((count, 6, len(x.yaw), 4)), np.zeros((count, 6, len(x.m), 6))
+    by_navs[np.arange(count), :, frame], by_poses[np.arange(count), :, at] = by_nav, by_pose
+    by_take = np.concatenate((by_hand, by_navs.reshape(count, 6, -1)), axis=2)
+    by_take[take == take[0]] = 0.0  # the first take that is left defines the frame
+    by_device = (Rz[:, None] @ by_device.reshape(count, 2, 3, -1)).reshape(by_device.shape)
+    J = np.concatenate((by_take, by_device, by_poses.reshape(count, 6, -1)), axis=2)
     return r.ravel(), J.reshape(6 * count, -1)
 
 
