@@ -165,8 +165,12 @@ def compass_heading(
         off = (stronger**2 + steeper**2 + (np.cos(dip) * east) ** 2) / noise.field_change**2
     dh = -skew(h)  # d h / d theta
     by_turn = (h[:, 1:2] * dh[:, 0] - h[:, :1] * dh[:, 1]) / level[:, None] ** 2
-    shows_north = level > 0.1 * lengths(h)  # not within 6 degrees of the vertical
-    return east, by_turn, shows_north * (1.0 / (1.0 + off)) ** 2
+    return east, by_turn, shows_north(dip) * (1.0 / (1.0 + off)) ** 2
+
+
+def shows_north(dip: float) -> bool:
+    """Whether an undisturbed field of this dip, rad, shows north: not within 6 degrees of the vertical."""
+    return bool(np.cos(dip) > 0.1)
 
 
 def _add_device_attitude(equations: NormalEquations, problem: Problem, x: State) -> None:
@@ -183,7 +187,7 @@ def _add_priors(equations: NormalEquations, problem: Problem, x: State, fixed: F
     equations.add(x.gyr_bias[:1], np.array([noise.gyr_bias**-2.0]), (0, STATE_GYR_BIAS, 1.0))
     equations.add(x.acc_bias[:1], np.array([acc_bias**-2.0]), (0, STATE_ACC_BIAS, 1.0))
     equations.add(x.p[origin : origin + 1], np.array([GAUGE_WEIGHT]), (origin, POS, 1.0))
-    if problem.field is None and not problem.no_gyro:
+    if not (problem.no_gyro or shows_north(fixed.dip)):
         equations.diagonal[origin, 2, 2] += GAUGE_WEIGHT
     equations.corner += shared_prior(problem, x, fixed.prior)
 

@@ -18,7 +18,7 @@ from pbd.tracking.moving_windows import Spans, cumulative
 from pbd.tracking.noise import Noise
 from pbd.tracking.smoother.attitude import gyro_frame_of, heading, level_at_stops
 from pbd.tracking.smoother.doubtful_stops import doubted_stops, revised_stops, settled, stop_weights
-from pbd.tracking.smoother.factors import shared_prior
+from pbd.tracking.smoother.factors import shared_prior, shows_north
 from pbd.tracking.smoother.gauss_newton import descend
 from pbd.tracking.smoother.knots import Problem, build_problem, row_noise
 from pbd.tracking.smoother.large_errors import LargeErrors, find_large_errors
@@ -182,19 +182,18 @@ def _origin_knot(problem: Problem) -> int:
 def _initial_state(problem: Problem, prior: Prior, azimuth: float = 0.0) -> tuple[State, Fixed]:
     """Initial state: dead reckoning, levelled by `level_at_stops`, with nav's heading."""
     m, origin = len(problem.rows), _origin_knot(problem)
-    strength = dip = 0.0
+    strength, dip = 0.0, 0.5 * np.pi
     if problem.no_gyro:
         E = np.tile(np.eye(3), (m, 1, 1))
     else:
         wxyz = level_at_stops(problem.frame, problem.rows, problem.stops)
-        if problem.field is None:
-            first = problem.stop_of == 0
-            off = -heading(quat_multiply(wxyz[first], problem.frame.wxyz[problem.rows[first]]))
-        else:
+        first = problem.stop_of == 0
+        off = -heading(quat_multiply(wxyz[first], problem.frame.wxyz[problem.rows[first]]))
+        if problem.field is not None:
             level = _first_field(problem, quat_to_matrix(wxyz))
             strength = float(np.linalg.norm(level))
             dip = float(np.arctan2(level[2], np.hypot(level[0], level[1])))
-            off = float(np.arctan2(level[0], level[1]))
+            off = float(np.arctan2(level[0], level[1])) if shows_north(dip) else off
         E = quat_to_matrix(quat_multiply(quat_about_z(off), wxyz))
     none = np.zeros((m, 3))
     shared = np.zeros(SHARED)

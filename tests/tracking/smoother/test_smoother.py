@@ -20,7 +20,7 @@ from pbd.pose import (
     yaw_toward,
 )
 from pbd.simulation.hand_motion import Waypoint
-from pbd.simulation.simulate import random_task
+from pbd.simulation.simulate import World, random_task
 from pbd.simulation.tasks import Task
 from pbd.tracking.estimate import Estimate, estimate
 from pbd.tracking.first_rest import find_rest
@@ -313,6 +313,15 @@ def test_a_field_stronger_beyond_all_measure_has_no_weight() -> None:
     trusted, bent = compass_heading(np.array([north, east]), strength, dip, noise)[2]
     assert trusted > 0.99
     assert bent < 0.1
+
+
+@pytest.mark.parametrize("sensor", ["wt901", "modern"])
+def test_where_the_field_is_vertical_a_compass_changes_nothing(sensor: str) -> None:
+    """With a dip of 88 degrees, as in the far north."""
+    demo = simulate("pour", sensor, 0, world=World(field=(0.0, 2.0, -57.0)))
+    seen, blind = (smoothed(replace(demo.recording, mag=mag)) for mag in (demo.recording.mag, None))
+    assert not_none(seen.solution).converged
+    np.testing.assert_allclose(seen.path.p, blind.path.p, rtol=0.0, atol=1e-5)
 
 
 def test_without_a_compass_nothing_tells_the_heading() -> None:
