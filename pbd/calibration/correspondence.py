@@ -8,8 +8,7 @@ import numpy as np
 
 from pbd.calibration.points import FEWEST_POINTS, MAY_BE_MIRRORED, MIRRORED, mirrored
 from pbd.calibration.registration import align
-from pbd.data.one_line_repr import counted
-from pbd.errors import CalibrationError, in_degrees, listed, warn
+from pbd.errors import CalibrationError, amount, in_degrees, listed, warn
 from pbd.pose import Array, Pose, lengths
 
 OUTLIER_COST = 16.0
@@ -52,7 +51,7 @@ def match_points(p_nav_tip: Array, sigma: Array, points: Array, in_order: bool, 
     n, m = len(p_nav_tip), len(points)
     if n < m:
         raise CalibrationError(
-            f"the demonstration has {counted(n, 'stop')}, but there are {m} points; hold still for half a second on "
+            f"the demonstration has {amount(n, 'stop')}, but there are {m} points; hold still for half a second on "
             "each, or remove points",
             value=n,
             bound=m,

@@ -11,7 +11,6 @@ from pbd.calibration.registration import observe_points, widened
 from pbd.data import Keyframe
 from pbd.data.covariance import PoseCovariance
 from pbd.data.keyframe import require_keyframes
-from pbd.data.one_line_repr import counted
 from pbd.errors import CalibrationError, UsageError, amount, in_degrees
 from pbd.pose import Array, quat_from_xyzw, quat_inverse, quat_log, quat_multiply, quat_rotate, quat_to_matrix
 
@@ -86,7 +85,7 @@ def fit_pivot(keyframes: Sequence[Keyframe], covariance: PoseCovariance, scale: 
     require_keyframes(keyframes)
     if len(keyframes) < 3:
         raise CalibrationError(
-            f"only {counted(len(keyframes), 'stop')} found; rest with the tip on the point, tilt the tool, rest, "
+            f"only {amount(len(keyframes), 'stop')} found; rest with the tip on the point, tilt the tool, rest, "
             "tilt it another way, rest: six to ten times",
             value=len(keyframes),
             bound=3,
@@ -166,7 +165,7 @@ def fit_turns(keyframes: Sequence[Keyframe], named: Sequence[str]) -> TurnsFit:
         found = ", ".join(f"{np.degrees(angles[k]):.0f}" for k in moves) or "none"
         turn = "turns" if len(moves) == 1 else "turn"
         raise CalibrationError(
-            f"--turns names {counted(len(named), 'turn')}, but {amount(len(moves), 'move')} {turn} by 20 degrees or "
+            f"--turns names {amount(len(named), 'turn')}, but {amount(len(moves), 'move')} {turn} by 20 degrees or "
             f"more ({found}); name each in order, such as --turns x,-x,y",
             value=len(moves),
             bound=len(named),

@@ -12,7 +12,6 @@ from pbd.calibration.gyro import fit_gyro
 from pbd.calibration.magnetometer import MagnetometerFit, fit_magnetometer
 from pbd.calibration.rests import Rests, find_rests
 from pbd.data import GRAVITY, Recording, SensorErrors
-from pbd.data.one_line_repr import counted
 from pbd.data.units import GRAVITY_ON_EARTH, GRAVITY_SIGMA, MG
 from pbd.errors import CalibrationError, UsageError, amount, in_degrees, require_kind
 from pbd.pose import Array
@@ -123,7 +122,7 @@ def _refuse_arguments(recording: Recording, gravity: float, only: Collection[str
 def _remarks_on_rests(rests: Rests) -> Iterator[str]:
     if rests.turning:
         yield (
-            f"{counted(rests.turning, 'rest')} of {len(rests) + rests.turning} left out: the gyro's reading differs by "
+            f"{amount(rests.turning, 'rest')} of {len(rests) + rests.turning} left out: the gyro's reading differs by "
             "more than 0.3 degrees/s from that at most rests; the sensor turned slowly, or the gyro's bias drifts: let "
             "it warm up, and record again"
         )

@@ -14,8 +14,7 @@ import numpy as np
 
 from pbd.cli.console import print_json, say, working
 from pbd.data import Calibration, Demonstration, HandPath, Keyframe, Robot
-from pbd.data.one_line_repr import counted
-from pbd.errors import RecordingError, SensorError, UsageError, listed
+from pbd.errors import RecordingError, SensorError, UsageError, amount, listed
 from pbd.files.calibration import load_calibration
 from pbd.files.demo import demo_folder, load_demo, newest_demo, write_demo
 from pbd.files.find_by_name import bundled, names
@@ -203,7 +202,7 @@ def write_figures(folder: Path, format_name: str, names: Collection[str], draw: 
             with working(f"drawing {number} of {len(files)}: {name}"), new.open("wb") as stream, style():
                 write(draw(name), stream, format_name)
     over = f", {replaced} of them over older ones" if replaced else ""
-    say(f"wrote {counted(len(files), 'file')} into {folder}{over}")
+    say(f"wrote {amount(len(files), 'file')} into {folder}{over}")
     return list(map(str, files.values()))
 
 

@@ -37,8 +37,13 @@ def _plain(value: Any) -> Any:
 
 @contextmanager
 def working(what: str, at_most_s: float | None = None) -> Iterator[None]:
-    """Show `what` while the block runs, and the most time left; print nothing if stderr is no terminal."""
+    """Show `what` while the block runs, and the most time left.
+
+    If stderr is no terminal, print one plain line, and only for what may last `at_most_s`.
+    """
     if not sys.stderr.isatty():
+        if at_most_s is not None:
+            print(f"{what} ...", file=sys.stderr, flush=True)
         yield
         return
     from rich.text import Text
@@ -48,15 +53,6 @@ def working(what: str, at_most_s: float | None = None) -> Iterator[None]:
     # rich prints warnings above this line.
     shown = Text(f"{what} ...") if at_most_s is None else _Countdown(what, at_most_s)
     with SafeConsole(sys.stderr).status(shown):
-        yield
-
-
-@contextmanager
-def listening(device: str, what: str, at_most_s: float) -> Iterator[None]:
-    """Show that pbd listens to a device, as `working` does; print one plain line if stderr is no terminal."""
-    if not sys.stderr.isatty():
-        print(f"{what} {device} ...", file=sys.stderr, flush=True)
-    with working(f"{what} {device}", at_most_s):
         yield
 
 

@@ -5,8 +5,7 @@ from dataclasses import replace
 
 from pbd.cli.common import named_calibration, print_result, say_if_hiding_bundled, without_aside, write_figures
 from pbd.cli.console import say, working
-from pbd.data.one_line_repr import counted
-from pbd.errors import UsageError, listed
+from pbd.errors import UsageError, amount, listed
 from pbd.files.calibration_edit import calibration_file, sensor_parts, update_calibration
 from pbd.files.demo import (
     demo_folder,
@@ -53,8 +52,8 @@ def run(args: argparse.Namespace) -> None:
         file = calibration_file(args.save_calibration)
         update_calibration(file, sensor_parts(errors, figures))
         saved = {"calibration": str(file)}
-        say(f"{file}: [sensor] of '{errors.sensor}' from {counted(int(figures['takes']), 'take')}")
-    keyframes, used = counted(len(path.stops), "keyframe"), sum(not take.left_out for take in fusion.takes)
+        say(f"{file}: [sensor] of '{errors.sensor}' from {amount(int(figures['takes']), 'take')}")
+    keyframes, used = amount(len(path.stops), "keyframe"), sum(not take.left_out for take in fusion.takes)
     takes_used = f"{len(demo.takes)} takes" if used == len(demo.takes) else f"{used} of {len(demo.takes)} takes"
     say(f"wrote {folder}: {takes_used}, {keyframes}; it is a demonstration like any other")
     say_if_hiding_bundled(folder)

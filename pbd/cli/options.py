@@ -21,6 +21,9 @@ DRIVEN = ("so100", "so101")
 UNITS = ("m, cm or mm", "deg or rad", "s or ms")
 """The units to choose from, as the help lists them."""
 
+JSON = "print one JSON object on stdout"
+REPLACE_DEMO = "replace a demonstration of that name; a recording, or one with a person's edits, stays in NAME.before"
+
 
 class HelpFormatter(argparse.RawDescriptionHelpFormatter):
     """Wraps descriptions to the terminal's width; examples keep their lines."""
@@ -94,23 +97,10 @@ def add_demo(parser: argparse.ArgumentParser) -> None:
     option(parser, "demo", "DEMO", f"{what}; {newest}", nargs="?")
 
 
-def add_json(parser: argparse._ActionsContainer) -> None:
-    """Add --json."""
-    flag(parser, "--json", "print one JSON object on stdout")
-
-
-REPLACE_DEMO = "replace a demonstration of that name; a recording, or one with a person's edits, stays in NAME.before"
-
-
-def add_force(parser: argparse.ArgumentParser, what: str = REPLACE_DEMO) -> None:
-    """Add --force."""
-    flag(parser, "--force", what)
-
-
 def add_table(parser: argparse.ArgumentParser, units: str | None = None) -> None:
     """Add --json, --csv and, with the default `units`, --units: the options of every command that prints a table."""
     form = parser.add_mutually_exclusive_group()
-    add_json(form)
+    flag(form, "--json", JSON)
     flag(form, "--csv", "print the table as CSV")
     if units is not None:
         choices = (each for each in UNITS if set(re.findall(r"\w+", each)) & set(units.split(",")))

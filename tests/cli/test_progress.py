@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from pbd.cli.console import _Countdown, listening
+from pbd.cli.console import _Countdown, working
 from pbd.files.demo import write_demo
 from pbd.simulation.simulate import simulate
 from tests.cli.pbd_process import Terminal
@@ -84,6 +84,6 @@ def test_a_pipe_gets_nothing_of_it(capsys: Capture) -> None:
 def test_a_terminal_shows_a_device_once(capsys: Capture, monkeypatch: pytest.MonkeyPatch) -> None:
     for terminal in (False, True):
         monkeypatch.setattr(sys.stderr, "isatty", lambda terminal=terminal: terminal)
-        with listening("/dev/x", "listening to", 2.0):
+        with working("listening to /dev/x", 2.0):
             pass
         assert (capsys.readouterr().err == "listening to /dev/x ...\n") is not terminal

@@ -18,7 +18,6 @@ from pbd.cli.common import sigma_json, track_with
 from pbd.cli.console import print_json, say, working
 from pbd.data import Calibration, HandPath, Keyframe, Recording
 from pbd.data.covariance import one_sigma
-from pbd.data.one_line_repr import counted
 from pbd.errors import CalibrationError, amount, warn
 from pbd.files.calibration_edit import calibration_to_update, pose_values, update_calibration
 from pbd.files.demo import load_demo
@@ -200,7 +199,7 @@ def _match_stops(
         in_order = not args.any_order
         return every.only(match_points(p_tip, calibration.scale * sigma, points.p_base, in_order, args.free))
     if len(args.stops) != len(points.names):
-        what = f"--stops names {counted(len(args.stops), 'stop')} for {len(points.names)} points"
+        what = f"--stops names {amount(len(args.stops), 'stop')} for {len(points.names)} points"
         raise CalibrationError(f"{what}; name one stop per point")
     if len(set(args.stops)) < len(args.stops) or not set(args.stops) <= set(range(count)):
         what = f"--stops must name different stops from 0 to {count - 1}"

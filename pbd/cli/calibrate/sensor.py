@@ -9,9 +9,8 @@ from pbd.calibration.accelerometer import NAMES
 from pbd.calibration.sensor import KINDS, SensorFit, calibrate_sensor
 from pbd.calibration.sensor_changed import gravity_at
 from pbd.cli.console import print_json, say, working
-from pbd.data.one_line_repr import counted
 from pbd.data.units import MG
-from pbd.errors import CalibrationError, warn
+from pbd.errors import CalibrationError, amount, warn
 from pbd.files.calibration_edit import calibration_to_update, earlier_fit, sensor_parts, update_calibration
 from pbd.files.demo import load_demo
 from pbd.tracking.repair.repair_recording import repair_recording
@@ -26,7 +25,7 @@ def run(args: argparse.Namespace) -> None:
         demo = load_demo(args.demo)
         if demo.takes:
             again = f"name one of them, or use `pbd fuse TAKE... --save-calibration {args.name}`"
-            raise CalibrationError(f"{args.demo} is fused from {counted(len(demo.takes), 'take')}; {again}")
+            raise CalibrationError(f"{args.demo} is fused from {amount(len(demo.takes), 'take')}; {again}")
         recording, gaps = repair_recording(demo.recording)
     if gaps:
         at, missing = float(recording.t[gaps[0].before]), 1e3 * gaps[0].missing_s
@@ -46,7 +45,7 @@ def run(args: argparse.Namespace) -> None:
     if args.json:
         return print_json({"calibration": str(path)} | _json(fit))
     _print(fit)
-    say(f"{path}: [sensor] of '{fit.errors.sensor}' from {counted(len(fit.rests), 'rest')}")
+    say(f"{path}: [sensor] of '{fit.errors.sensor}' from {amount(len(fit.rests), 'rest')}")
     if args.gravity is None and args.latitude is None and fit.acc is not None:
         say("assumed gravity is 9.80665 m/s2, which may be off by 0.3 %; give --latitude for a better scale")
     return None

@@ -5,7 +5,7 @@ from argparse import ArgumentParser
 from collections.abc import Callable
 from pathlib import Path
 
-from pbd.cli.options import add_accept_gap, add_commands, add_force, add_json, finite, flag, option, sigma_mm, within
+from pbd.cli.options import JSON, add_accept_gap, add_commands, finite, flag, option, sigma_mm, within
 
 REPLACE_PART = "replace a [dock] by a [nav], or a [nav] by a [dock]"
 
@@ -25,7 +25,7 @@ def calibrate(parser: ArgumentParser) -> None:
 
 def _add_name(parser: ArgumentParser, demo: str = "") -> None:
     option(parser, "name", "CALIBRATION", "name (./calibration/CALIBRATION.toml), or its file's path")
-    add_json(parser)
+    flag(parser, "--json", JSON)
     if demo:
         option(parser, "demo", "DEMO", demo)
 
@@ -57,7 +57,7 @@ def dock(parser: ArgumentParser) -> None:
     option(parser, "--calibration", "C", "calibration to track --from-keyframe with (CALIBRATION)")
     option(parser, "--robot", "R", "robot of --joints; checks that it reaches the dock")
     _add_placing(parser)
-    add_force(parser, REPLACE_PART)
+    flag(parser, "--force", REPLACE_PART)
     add_accept_gap(parser)
 
 
@@ -86,7 +86,7 @@ def points(parser: ArgumentParser) -> None:
     again = "check how well the heading repeats, in demonstrations that began with the sensor put down the same way"
     option(parser, "--again", "DEMO", again, nargs="+", default=())
     _add_placing(parser)
-    add_force(parser, f"{REPLACE_PART}, or a good fit by a poor one")
+    flag(parser, "--force", f"{REPLACE_PART}, or a good fit by a poor one")
     add_accept_gap(parser)
 
 
@@ -105,7 +105,7 @@ def mount(parser: ArgumentParser) -> None:
     flag(parser, "--pivot", "the tip stayed on one point at every stop")
     turns = "the tool axis of each turn of 20 degrees or more: x,-x,y,...; --turns=-x,... where the first is negative"
     option(parser, "--turns", "A,A", turns, type=_some_of("x", "y", "z", "-x", "-y", "-z"))
-    add_force(parser, "replace a lever that was measured by a poor fit")
+    flag(parser, "--force", "replace a lever that was measured by a poor fit")
     add_accept_gap(parser)
 
 
@@ -139,7 +139,7 @@ def show(parser: ArgumentParser) -> None:
     option(parser, "demo", "DEMO", "default: the newest in ./demos, else 'pouring'", nargs="?")
     option(parser, "--save", "FILE", "also draw it into this file (.png, .svg or .pdf)", type=Path)
     add_accept_gap(parser)
-    add_json(parser)
+    flag(parser, "--json", JSON)
 
 
 def _stops(text: str) -> tuple[int, ...]:

@@ -5,9 +5,9 @@ from argparse import ArgumentParser
 from pathlib import Path
 
 from pbd.cli.options import (
+    JSON,
+    REPLACE_DEMO,
     AppendOnce,
-    add_force,
-    add_json,
     add_line_options,
     add_table,
     flag,
@@ -52,8 +52,9 @@ def record(parser: ArgumentParser) -> None:
     option(
         parser, "--calibration", "C", "calibration of this sensor, to track with; warns if the sensor at rest disagrees"
     )
-    add_force(
+    flag(
         parser,
+        "--force",
         "replace a demonstration of that name. The old one stays in NAME.before; if simulated and unedited, until the "
         "new one has ended with two stops or more",
     )
@@ -61,7 +62,7 @@ def record(parser: ArgumentParser) -> None:
     flag(parser, "--no-open", "with --live: open no browser; print the address")
     unit = "unit of acc, gyr, mag, angle or t, such as acc=g"
     option(add_line_options(parser), "--unit", "Q=U", unit, type=pair, action=AppendOnce, default=[])
-    add_json(parser)
+    flag(parser, "--json", JSON)
 
 
 def simulate(parser: ArgumentParser) -> None:
@@ -82,8 +83,8 @@ def simulate(parser: ArgumentParser) -> None:
     another = "random seed of the sensor's errors and noise (0): another seed, another device"
     option(parser, "--seed", "N", another, type=seed, default=0)
     option(parser, "--rate", "HZ", "sample rate (the sensor model's own)", type=positive)
-    add_force(parser)
-    add_json(parser)
+    flag(parser, "--force", REPLACE_DEMO)
+    flag(parser, "--json", JSON)
 
 
 def import_(parser: ArgumentParser) -> None:
@@ -117,9 +118,9 @@ def import_(parser: ArgumentParser) -> None:
     option(parser, "--grip", None, "find the grips that two quick taps on the sensor's back marked", choices=("tap",))
     option(parser, "--topic", "TOPIC", "topic of a bag's sensor_msgs/Imu messages; default: the only one")
     flag(parser, "--closed", "the hand ended where it began")
-    add_force(parser)
+    flag(parser, "--force", REPLACE_DEMO)
     add_line_options(parser)
-    add_json(parser)
+    flag(parser, "--json", JSON)
 
 
 def demos(parser: ArgumentParser) -> None:

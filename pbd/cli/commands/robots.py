@@ -4,9 +4,9 @@ from argparse import ArgumentParser
 from pathlib import Path
 
 from pbd.cli.options import (
+    JSON,
     add_accept_gap,
     add_demo,
-    add_json,
     add_planning,
     add_table,
     add_tracking,
@@ -27,7 +27,7 @@ def replay(parser: ArgumentParser) -> None:
       pbd replay pouring --robot panda --html pouring.html
     """
     add_demo(parser)
-    add_json(parser)
+    flag(parser, "--json", JSON)
     option(parser, "--html", "FILE", "write the page to FILE, or over an older page, instead of serving it", type=Path)
     flag(parser, "--no-open", "do not open a browser; print the address")
     add_tracking(parser)
@@ -46,7 +46,7 @@ def export(parser: ArgumentParser) -> None:
     """
     demos = "names (in ./demos, or bundled), folders, or recordings; default: the newest in ./demos, else 'pouring'; "
     option(parser, "demos", "DEMO", f"{demos}lerobot alone takes several", nargs="*")
-    add_json(parser)
+    flag(parser, "--json", JSON)
     form = f"{', '.join(FORMATS)}; default: from FILE's ending ({', '.join(SUFFIXES)})"
     option(parser, "--format", None, form, choices=tuple(FORMATS))
     output = "the file to write (lerobot: the folder); - is standard output"
@@ -72,7 +72,7 @@ def run(parser: ArgumentParser) -> None:
       pbd run pouring --robot so101 --speed 0.3
     """
     add_demo(parser)
-    add_json(parser)
+    flag(parser, "--json", JSON)
     option(parser, "--port", "P", "the arm's serial port; default: the only one with something plugged in")
     servos = "the servos' calibration, LeRobot's JSON; default: ./calibration/R-servos.json, else LeRobot's own"
     option(parser, "--servos", "FILE", servos, type=Path)

@@ -5,9 +5,9 @@ from argparse import ArgumentParser
 from pathlib import Path
 
 from pbd.cli.options import (
+    REPLACE_DEMO,
     add_accept_gap,
     add_demo,
-    add_force,
     add_planning,
     add_table,
     add_tracking,
@@ -47,7 +47,7 @@ def keyframes(parser: ArgumentParser) -> None:
     add_demo(parser)
     add_table(parser, units="m,deg,s")
     flag(parser, "--save", "write keyframes.toml into the demonstration, for you to edit")
-    add_force(parser, "with --save: find the keyframes again; an edited file stays in keyframes.toml.before")
+    flag(parser, "--force", "with --save: find the keyframes again; an edited file stays in keyframes.toml.before")
     things = (
         "keyframes that belong to a thing, which `pbd replay --at` moves: cup=3..5; lid=6..7@cup if the cup carries it"
     )
@@ -122,7 +122,7 @@ def fuse(parser: ArgumentParser) -> None:
     option(parser, "--save-calibration", "NAME", kept)
     drawn = "draw the takes' match and the hand's scatter into this folder; older figures are replaced"
     option(parser, "--plot", "DIR", drawn, type=Path)
-    add_force(parser)
+    flag(parser, "--force", REPLACE_DEMO)
     add_table(parser, units="m,deg")
     wanted = "name (in ./calibration, or bundled) or file: its [sensor] is taken out of each take first"
     option(parser, "--calibration", "C", wanted)

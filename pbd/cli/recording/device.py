@@ -5,7 +5,7 @@ import time
 from collections.abc import Callable
 
 from pbd.cli.common import decoder_maker, refuse_columns
-from pbd.cli.console import listening
+from pbd.cli.console import working
 from pbd.errors import SensorError, UsageError, amount
 from pbd.sensors import port as serial_port
 from pbd.sensors.decoding import Decoder
@@ -40,7 +40,7 @@ def find_sensor(args: argparse.Namespace) -> tuple[str, Callable[[], ByteSource]
     if baud is None:
         bauds = PROTOCOLS[wanted].bauds
         longest_s = BOOT_S + 2.0 * LISTEN_S * len(bauds)
-        with open_port(device, bauds[0]) as port, listening(device, "looking for the baud rate of", longest_s):
+        with open_port(device, bauds[0]) as port, working(f"looking for the baud rate of {device}", longest_s):
             baud = find_baud(port, make, wanted)
     if args.rate is not None:
         commands = protocol(wanted).commands_for(args.rate)
@@ -70,7 +70,7 @@ def _phone(args: argparse.Namespace) -> tuple[str, Callable[[], ByteSource], Dec
 
 def probe_port(device: str) -> ProbeResult:
     """Listen on a port to detect its sensor and baud rate."""
-    with open_port(device, FIRST_BAUD) as port, listening(device, "listening to", LONGEST_PROBE_S):
+    with open_port(device, FIRST_BAUD) as port, working(f"listening to {device}", LONGEST_PROBE_S):
         return probe(port)
 
 
