@@ -201,11 +201,11 @@ def quat_to_xyzw(wxyz: ArrayLike) -> Array:
 
 
 def yaw_toward(wxyz_measured: ArrayLike, wxyz_wanted: ArrayLike) -> float:
-    """Yaw in rad that brings one rotation closest to another: wanted ~ Rz(yaw) measured.
+    """Yaw in rad, -pi to pi, that brings one rotation closest to another: wanted ~ Rz(yaw) measured.
 
     It maximises the scalar part of measured * wanted^-1 * Rz(yaw), which has a closed form.
     """
-    w, _, _, z = quat_multiply(wxyz_wanted, quat_inverse(wxyz_measured))
+    w, _, _, z = quat_canonical(quat_multiply(wxyz_wanted, quat_inverse(wxyz_measured)))
     return float(2.0 * np.arctan2(z, w))
 
 

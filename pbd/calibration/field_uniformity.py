@@ -1,12 +1,11 @@
-"""Repeatability of the magnetic heading between the stops of a demonstration, and between demonstrations."""
+"""Repeatability of the magnetic heading between the stops of a demonstration."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from pbd.data import HandPath
-from pbd.pose import Array, quat_rotate, yaw_toward
+from pbd.pose import Array, quat_rotate
 
 DISTURBED_HEADING = np.radians(3.0)
 """Largest variation, rad rms over the stops, of a compass' heading. If it varies more, a dock gives a better one."""
@@ -56,14 +55,3 @@ def field_at_start(path: HandPath, mag: Array) -> tuple[float, float]:
     rows = slice(path.stops[0].start, path.stops[0].stop)
     x, y, z = quat_rotate(path.wxyz_nav_sensor[rows], mag[rows]).mean(axis=0)
     return float(np.hypot(x, y)), float(z)
-
-
-def heading_changes(wxyz_first: Array, wxyz_again: Sequence[Array]) -> Array:
-    """Return how nav's heading differs between demonstrations, (m,) rad.
-
-    Args:
-        wxyz_first: (4,) the sensor's attitude in nav at the first rest of one demonstration.
-        wxyz_again: the same for m others, which started with the sensor in the same place and attitude.
-    """
-    turns = np.array([yaw_toward(wxyz_first, again) for again in wxyz_again])
-    return (turns + np.pi) % (2.0 * np.pi) - np.pi

@@ -113,10 +113,10 @@ def points_figures(seeds: Sequence[int], count: int, sensor: str, spacing_m: flo
         first, fit = found
         off = fit.T_base_nav.p - touched.T_base_nav.p
         true = quat_multiply(touched.T_base_nav.wxyz, not_none(touched.demo.truth).wxyz_nav_sensor[0])
-        yaw = wrapped(yaw_toward(quat_multiply(fit.T_base_nav.wxyz, first.T_nav_sensor.wxyz), true))
+        yaw = yaw_toward(quat_multiply(fit.T_base_nav.wxyz, first.T_nav_sensor.wxyz), true)
         metres.append(1e3 * float(np.linalg.norm(off)))
         yaws.append(abs(np.degrees(yaw)))
-        nav_yaws.append(abs(np.degrees(wrapped(yaw_toward(fit.T_base_nav.wxyz, touched.T_base_nav.wxyz)))))
+        nav_yaws.append(abs(np.degrees(yaw_toward(fit.T_base_nav.wxyz, touched.T_base_nav.wxyz))))
         error, cov = np.array([*off, -yaw]), fit.cov[np.ix_([0, 1, 2, 5], [0, 1, 2, 5])]
         sigmas.append(np.abs(error) / np.sqrt(np.diagonal(cov)))
         squared.append(error @ np.linalg.solve(cov, error) / 4.0)

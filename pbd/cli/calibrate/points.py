@@ -9,7 +9,7 @@ import numpy as np
 
 from pbd.calibration.correspondence import match_points
 from pbd.calibration.dock import lever_figure, placing_covariance, refuse_tilted, sensor_heading, warn_of_doubts
-from pbd.calibration.field_uniformity import field_at_start, field_spread, heading_changes
+from pbd.calibration.field_uniformity import field_at_start, field_spread
 from pbd.calibration.points import POOR_CHI2, PointFit, fit_points, refuse_shape
 from pbd.calibration.registration import PointObservations, observe_points
 from pbd.calibration.rests import rms
@@ -23,7 +23,7 @@ from pbd.files.calibration_edit import calibration_to_update, pose_values, updat
 from pbd.files.demo import load_demo
 from pbd.files.points import Points, read_points
 from pbd.pipeline import track
-from pbd.pose import Pose, quat_to_rpy
+from pbd.pose import Pose, quat_to_rpy, yaw_toward
 from pbd.tracking.keyframes import find_keyframes
 from pbd.view.calibration_tables import points_table
 from pbd.view.terminal_tables import print_table
@@ -162,12 +162,13 @@ def _report_heading(
         f"field's strength by {100.0 * spread.strength:.0f} %"
     )
     if args.again:
-        first = []
+        turns = []
         for name in args.again:
             with working(f"tracking {name}"):
                 path = track(load_demo(name).recording, calibration=calibration, accept_gap=args.accept_gap)
-                first.append(find_keyframes(path)[0].T_nav_sensor.wxyz)
-        changes = heading_changes(keyframes[0].T_nav_sensor.wxyz, first)
+                again = find_keyframes(path)[0].T_nav_sensor.wxyz
+                turns.append(yaw_toward(keyframes[0].T_nav_sensor.wxyz, again))
+        changes = np.array(turns)
         heading = rms(changes)
         say(
             f"nav's heading repeats to {np.degrees(heading):.1f} degrees (rms over {len(changes)} demonstrations; at "
