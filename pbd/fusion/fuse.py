@@ -88,7 +88,7 @@ def estimate_task(takes: Sequence[Take], calibration: Calibration | None = None)
     _, kept = alignment.kept()
     for line in _undecided_stops(alignment, takes):
         warn(line)
-    return Fused(takes, used, left_out, kept, outliers, observations, joint, scatter, states, moved)
+    return Fused(takes, used, left_out, kept, outliers, observations, joint, scatter, states)
 
 
 def _matched(shown: Sequence[Keyframes]) -> tuple[MovedKeyframes | None, Alignment]:

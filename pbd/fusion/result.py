@@ -27,7 +27,6 @@ from pbd.fusion.known_stops import points_in_base
 from pbd.fusion.marginals import BIAS_PART
 from pbd.fusion.matching import IndexByTake
 from pbd.fusion.mean_path import MeanPath, TakePath, average_paths
-from pbd.fusion.moved_things import MovedKeyframes
 from pbd.fusion.scatter import Scatter
 from pbd.fusion.takes import Take
 from pbd.pose import Array, Pose, matrix_log, quat_about_z, quat_from_matrix, quat_multiply, quat_rotate, quat_to_matrix
@@ -52,7 +51,6 @@ class Fused:
         observations, joint: input and result of the joint estimate.
         scatter: the hand's scatter at each keyframe.
         states: the smoother's state of each take that is used, estimated again with the device's joint errors.
-        moved: keyframes that moved with an object, or None.
     """
 
     takes: Sequence[Take]
@@ -64,7 +62,6 @@ class Fused:
     joint: JointEstimate
     scatter: Scatter
     states: Sequence[smoother_state.State]
-    moved: MovedKeyframes | None
 
     @property
     def first(self) -> Take:
@@ -144,7 +141,7 @@ def _fusion(fused: Fused, mean: MeanPath) -> Fusion:
 def _moved_thing(fused: Fused) -> MovedThing | None:
     """Return the task's keyframes that moved with an object, if the takes that are used still have them."""
     moving, x = np.flatnonzero(fused.observations.frame), fused.joint.state
-    if fused.moved is None or not len(moving):
+    if not len(moving):
         return None
     middle = x.m[moving].mean(axis=0)
     moved_m = {}

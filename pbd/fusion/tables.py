@@ -8,7 +8,7 @@ import numpy as np
 from rich.table import Table
 
 from pbd.data import FusedTake, Fusion, HandPath
-from pbd.pose import Array, quat_log
+from pbd.pose import quat_log
 from pbd.view.terminal_tables import make_table
 from pbd.view.units import Units
 
@@ -43,7 +43,7 @@ def takes_table(fusion: Fusion, units: Units) -> Table:
             " ".join(map(str, take.outliers)),
             *units.angles((_turned(take), take.turn_sigma)),
             *fine.lengths(0.0 if take.T_hand is None else float(np.linalg.norm(take.T_hand.p)), finer=1),
-            *fine.lengths(_rms(take.off), finer=1),
+            *fine.lengths(float(np.sqrt(np.nanmean((take.off**2).sum(axis=1)))), finer=1),
         )
     return table
 
@@ -120,9 +120,3 @@ def held_alike(takes: Sequence[FusedTake]) -> bool:
 
 def _turned(take: FusedTake) -> float:
     return 0.0 if take.T_hand is None else float(np.linalg.norm(quat_log(take.T_hand.wxyz)))
-
-
-def _rms(off: Array) -> float:
-    """Return the root mean square of the offsets (n, 3), without those that are NaN."""
-    finite = off[np.isfinite(off).all(axis=1)]
-    return float(np.sqrt((finite**2).sum(axis=1).mean())) if len(finite) else float("nan")
