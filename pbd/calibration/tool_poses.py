@@ -48,12 +48,10 @@ def tool_poses(placed: KeyframesInBase) -> tuple[Pose, ...]:
         # The tool follows the hand's path at a constant offset, that of keyframe 0.
         lever, wxyz = tools[0].p - sensors[0].p, pointing_down(tools[0].wxyz)
         tools = [Pose(T_base_sensor.p + lever, wxyz) for T_base_sensor in sensors]
-    return tuple(map(_nudged, tools, placed.keyframes))
-
-
-def _nudged(T_base_tool: Pose, keyframe: Keyframe) -> Pose:
-    nudge = keyframe.nudge_base_m + quat_rotate(T_base_tool.wxyz, keyframe.nudge_tool_m)
-    return Pose(T_base_tool.p + nudge, T_base_tool.wxyz)
+    return tuple(
+        Pose(tool.p + keyframe.nudge_base_m + quat_rotate(tool.wxyz, keyframe.nudge_tool_m), tool.wxyz)
+        for tool, keyframe in zip(tools, placed.keyframes, strict=True)
+    )
 
 
 def pointing_down(wxyz_base_tool: Array) -> Array:

@@ -31,14 +31,17 @@ def run(args: argparse.Namespace) -> None:
     """Plan each demonstration, audit the motion and write it."""
     args.demos = without_aside(args.demos)
     format_name = _format(args)
-    if args.robot is None:
-        return _write_hand(args, format_name)
+    if args.robot is None and format_name != "tum-hand":
+        known = f"one of {listed(names('robots'))}, or a file"
+        raise UsageError(f"name the robot: --robot ({known}); only the hand's path (--format tum-hand) needs none")
     robot = load_robot(args.robot) if FORMATS[format_name].checks_robot else None
     check_format(format_name, args.rate, args.dense, robot)
     if robot is not None and format_name in DATASETS:
         refuse_dataset(args.output, robot)
     elif args.output != STDOUT:
         refuse_output(args.output, (*args.demos, args.robot, args.calibration, args.start))
+    if args.robot is None:
+        return _write_hand(args, format_name)
     plans = [_plan(args, name) for name in args.demos or (None,)]
     _say_remarks(plans, args.calibration)
     done = _write(args, plans, format_name)
@@ -62,12 +65,6 @@ def run(args: argparse.Namespace) -> None:
 
 def _write_hand(args: argparse.Namespace, format_name: str) -> None:
     """Write the hand's path, as tracked: it is the same for every robot."""
-    if format_name != "tum-hand":
-        known = f"one of {listed(names('robots'))}, or a file"
-        raise UsageError(f"name the robot: --robot ({known}); only the hand's path (--format tum-hand) needs none")
-    check_format(format_name, args.rate, args.dense)
-    if args.output != STDOUT:
-        refuse_output(args.output, (*args.demos, args.calibration))
     demo = load_demonstration(args.demos[0] if args.demos else None)
     path, _ = track_demonstration(args, demo, named_calibration(args))
     with _output(args) as file, atomic_file(file) as unfinished:

@@ -14,7 +14,7 @@ from pbd.cli.console import print_json, say
 from pbd.cli.recording.device import find_sensor
 from pbd.cli.recording.keys import KeyboardCommands, Keys
 from pbd.cli.recording.screen import PanelScreen, PlainScreen
-from pbd.cli.recording.simulated import Show, SimulatedHand, simulated_hand
+from pbd.cli.recording.simulated import Show, simulated_hand
 from pbd.data import SensorErrors
 from pbd.data.streams import RATE_TOLERANCE
 from pbd.errors import RecordingError, UsageError, amount, warn
@@ -46,7 +46,12 @@ def run(args: argparse.Namespace) -> None:
             raise UsageError("--take needs the task's NAME: pbd record tea --take 2")
         name = f"{name}{args.take}"
     folder = demo_folder(name)
-    if args.sensor is not None and args.sensor.partition(":")[0] != SIMULATED:
+    kind, _, task = (args.sensor or "").partition(":")
+    if kind == SIMULATED:
+        if args.port or args.baud or args.rate:
+            raise UsageError("a simulated sensor has no port, baud or rate to choose; leave out --port, --baud, --rate")
+        refuse_columns(args, kind)
+    elif kind:
         decoder_maker(args, args.sensor, also=(SIMULATED,))  # an unknown sensor is reported before anything else
     refuse_demo_folder(folder, args.force)
     say_if_hiding_bundled(folder)
@@ -58,7 +63,7 @@ def run(args: argparse.Namespace) -> None:
             from pbd.view.live_view import LiveView
 
             view = stack.enter_context(closing(LiveView()))
-        hand = _simulated(args, stack)
+        hand = simulated_hand(task, stack) if kind == SIMULATED else None
         sensor, opened, decoder = find_sensor(args) if hand is None else (hand.name, hand.open, hand.decoder())
         options = RecordOptions(
             folder=folder,
@@ -109,17 +114,6 @@ def _errors(name: str | None, sensor: str) -> SensorErrors | None:
     elif name is not None:
         warn(f"the calibration '{name}' has no [sensor] to compare with; pbd calibrate sensor {name} DEMO makes one")
     return errors
-
-
-def _simulated(args: argparse.Namespace, stack: ExitStack) -> SimulatedHand | None:
-    """Make the simulated hand of --sensor sim[:TASK]; None for a real sensor."""
-    kind, _, task = (args.sensor or "").partition(":")
-    if kind != SIMULATED:
-        return None
-    if args.port or args.baud or args.rate:
-        raise UsageError("a simulated sensor has no port, baud or rate to choose; leave out --port, --baud, --rate")
-    refuse_columns(args, kind)
-    return simulated_hand(task, stack)
 
 
 def _report(args: argparse.Namespace, outcome: Outcome) -> None:

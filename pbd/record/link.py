@@ -39,7 +39,9 @@ class Link:
 
     def check(self, pieces: Sequence[tuple[bytes, float]]) -> None:
         """Look at the clock and at the pieces that `Reader.take` returned, and warn of what they show."""
-        idle_s = self._idle_s()
+        before, self.now = self.now, time.monotonic()
+        worked, self._worked = self._worked, time.process_time()
+        idle_s = self.now - before - (self._worked - worked)
         trouble, now = self._reader.port.trouble, self.now
         if idle_s >= SUSPENDED_S:
             self._resumed = now
@@ -53,11 +55,6 @@ class Link:
         elif self._silent_s > SILENT_S and trouble and not self._told_lost and self._session.demo is not None:
             self._told_lost = True
             self._session.warn(f"{trouble} (waiting)")
-
-    def _idle_s(self) -> float:
-        before, self.now = self.now, time.monotonic()
-        worked, self._worked = self._worked, time.process_time()
-        return self.now - before - (self._worked - worked)
 
     @property
     def _silent_s(self) -> float:
