@@ -188,10 +188,9 @@ def _relative_covariance(marginal: Marginal, own: NDArray[np.intp]) -> Array:
 
     Errors of the first keyframe's position and heading move all of nav, which yaw and c absorb.
     """
-    i, cov = (6 * own[:, None] + np.arange(6)).ravel(), marginal.cov
-    for _ in range(2):  # rows, then columns
-        cov = relative_to_first(cov.T.reshape(-1, 6, len(cov)), marginal.p - marginal.p[0]).reshape(cov.shape)
-    return np.asarray(cov[np.ix_(i, i)])
+    one, rows = np.eye(len(marginal.cov)), (6 * own[:, None] + np.arange(6)).ravel()
+    relative = relative_to_first(one.reshape(-1, 6, len(one)), marginal.p - marginal.p[0]).reshape(one.shape)[rows]
+    return np.asarray(relative @ marginal.cov @ relative.T)
 
 
 def _parts(observations: Observations, x: TaskState, lever_variance: float) -> list[Part]:

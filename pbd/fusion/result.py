@@ -15,7 +15,6 @@ from pbd.data import (
     GripEvent,
     HandPath,
     MovedThing,
-    Recording,
     SensorEstimate,
     Tracking,
 )
@@ -160,13 +159,17 @@ def fused_hand_path(demo: Demonstration, fused: Fused, calibration: Calibration 
     mean = average_paths(paths, joint.state.m, joint.state.A, 1.0 / recording.rate_hz)
     turn = quat_to_matrix(T_nav_first.wxyz)
     p = T_nav_first.act(joint.state.m)
-    rotation = np.kron(np.eye(2 * len(p)), turn)
-    cov = rotation @ joint.cov @ rotation.T
+    rotation = np.asarray(np.kron(np.eye(2 * len(p)), turn), np.float64)
+    relative = relative_to_first(rotation.reshape(len(p), 6, -1), p).reshape(rotation.shape)
     grip = tuple(
         GripEvent(stop.middle_s(mean.t), closed)
         for closed, stop in zip(fused_grips(fused.kept, fused.takes), mean.stops, strict=True)
         if closed is not None
     )
+    channels: dict[str, Any] = {  # the first take's, at the pace of the mean path
+        name: interpolate(mean.t_first, recording.t, values) for name, values in recording.channels.items()
+    }
+    info = replace(recording.info, name=demo.recording.info.name)
     return HandPath(
         t=mean.t,
         p_nav_sensor=T_nav_first.act(mean.p),
@@ -174,13 +177,13 @@ def fused_hand_path(demo: Demonstration, fused: Fused, calibration: Calibration 
         wxyz_nav_sensor=quat_multiply(T_nav_first.wxyz, mean.wxyz),
         stops=mean.stops,
         closure=np.zeros((len(p) - 1, 3)),
-        covariance=PoseCovariance(len(p), partial(_relative_covariance_times, cov, p)),
+        covariance=PoseCovariance(len(p), partial(_times, relative @ joint.cov @ relative.T)),
         grip=grip,
         tracking=Tracking(
             demo,
             "default",
             calibration,
-            _mean_recording(recording, mean, demo.recording.info.name, grip),
+            replace(recording, t=mean.t, grip=grip, info=info, **channels),
             mean.a @ turn.T,
             tracking.gravity,
             (mean.stops[0].start, mean.stops[0].stop),
@@ -191,19 +194,9 @@ def fused_hand_path(demo: Demonstration, fused: Fused, calibration: Calibration 
     )
 
 
-def _relative_covariance_times(cov: Array, p: Array, columns: Array) -> Array:
-    """Return the covariance relative to the first keyframe's position and heading, times columns (n, 6, c)."""
-    right = relative_to_first(columns, p, transposed=True)
-    left = (cov @ right.reshape(len(cov), -1)).reshape(columns.shape)
-    return relative_to_first(left, p)
-
-
-def _mean_recording(recording: Recording, mean: MeanPath, name: str, grip: tuple[GripEvent, ...]) -> Recording:
-    """Return the first take's recording, at the pace of the mean path."""
-    channels: dict[str, Any] = {
-        channel: interpolate(mean.t_first, recording.t, values) for channel, values in recording.channels.items()
-    }
-    return replace(recording, t=mean.t, grip=grip, info=replace(recording.info, name=name), **channels)
+def _times(cov: Array, columns: Array) -> Array:
+    """Multiply a covariance (6n, 6n) by columns (n, 6, c)."""
+    return np.asarray((cov @ columns.reshape(len(cov), -1)).reshape(columns.shape))
 
 
 def _sensor(first: Take, joint: JointEstimate, device: int) -> SensorEstimate | None:
