@@ -60,10 +60,8 @@ def demonstrated_moves(
         if fixed:
             wxyz = np.tile(start.wxyz, (len(p), 1))
         else:
-            p, wxyz = (
-                p + quat_rotate(wxyz, calibration.T_sensor_tool.p),
-                quat_multiply(wxyz, calibration.T_sensor_tool.wxyz),
-            )
+            p = p + quat_rotate(wxyz, calibration.T_sensor_tool.p)
+            wxyz = quat_multiply(wxyz, calibration.T_sensor_tool.wxyz)
         sigma = np.sqrt(np.minimum(np.diagonal(before.cov), np.diagonal(after.cov)).reshape(2, 3).max(axis=1))
         within = min(scale * sigma[0], SMOOTH_M), min(sigma[1], SMOOTH_RAD)
         t, p, wxyz = _smoothed_poses(t, p, wxyz, start, end, *within)

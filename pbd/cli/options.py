@@ -22,6 +22,7 @@ UNITS = ("m, cm or mm", "deg or rad", "s or ms")
 """The units to choose from, as the help lists them."""
 
 JSON = "print one JSON object on stdout"
+CALIBRATION = "name (in ./calibration, or bundled) or file"
 REPLACE_DEMO = "replace a demonstration of that name; a recording, or one with a person's edits, stays in NAME.before"
 
 
@@ -111,7 +112,7 @@ def add_tracking(parser: argparse.ArgumentParser, calibration: str = "the robot'
     """Add the options of every command that tracks; the help names the default `calibration`."""
     how = "how to track: with pbd's own method, or with the paper's (default)"
     option(parser, "--method", None, how, choices=("default", "paper"), default="default")
-    option(parser, "--calibration", "C", f"name (in ./calibration, or bundled) or file; default: {calibration}")
+    option(parser, "--calibration", "C", f"{CALIBRATION}; default: {calibration}")
     add_accept_gap(parser)
 
 

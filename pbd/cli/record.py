@@ -121,7 +121,12 @@ def _report(args: argparse.Namespace, outcome: Outcome) -> None:
     if outcome.backup_note:
         with suppress(OSError):  # the terminal is closed
             print(outcome.backup_note, file=sys.stderr)
-    _warn_of_rate(args.rate, outcome)
+    sent_hz = (outcome.samples + outcome.lost) / max(outcome.duration_s, 1.0 / FASTEST_HZ)
+    if args.rate is not None and abs(sent_hz / args.rate - 1.0) > RATE_TOLERANCE:
+        warn(
+            f"the sensor sends {sent_hz:.3g} samples a second, not the {args.rate:g} of --rate: it does not take that "
+            "command, or its baud rate is too low for them"
+        )
     folder = None if outcome.folder is None else str(outcome.folder)
     if args.json:
         figures = ("samples", "duration_s", "lost", "bad_packets", "stops", "ended_by")
@@ -142,16 +147,6 @@ def _report(args: argparse.Namespace, outcome: Outcome) -> None:
             warn(f"{outcome.folder / 'imu.csv'}: {outcome.why_failed}")
         else:
             print(f"next: {_next_command(args, outcome.folder)}")
-
-
-def _warn_of_rate(asked_hz: float | None, outcome: Outcome) -> None:
-    """Warn if the sensor does not send at the rate that it was set to."""
-    sent_hz = (outcome.samples + outcome.lost) / max(outcome.duration_s, 1.0 / FASTEST_HZ)
-    if asked_hz is not None and abs(sent_hz / asked_hz - 1.0) > RATE_TOLERANCE:
-        warn(
-            f"the sensor sends {sent_hz:.3g} samples a second, not the {asked_hz:g} of --rate: it does not take that "
-            "command, or its baud rate is too low for them"
-        )
 
 
 def how_to_hold(take: int) -> str:

@@ -175,7 +175,10 @@ def _suggest_home_and_dock(args: argparse.Namespace) -> None:
         warned = list(dict.fromkeys(args.warnings))  # the search may repeat what was said before it
         print_json({"robot": robot.name, "demo": name, **sections, "weighed": reasons, "warnings": warned})
     else:
-        print(_toml(sections, reasons))
+        print("# In place of [arm] and [dock].")
+        for section, items in sections.items():
+            print(f"[{section}]", *(f"{key} = {json.dumps(value)}" for key, value in items.items()), "", sep="\n")
+        print(*(f"# {sentence}." for sentence in reasons), sep="\n")
 
 
 def _sections(found: Suggestion) -> dict[str, Any]:
@@ -219,11 +222,3 @@ def _reasons(found: Suggestion, demo: str) -> list[str]:
         f"{found.manipulability:.1f} times the lower quartile of all configurations",
         *([near] if found.manipulability < 1.0 else ()),
     ]
-
-
-def _toml(sections: dict[str, Any], reasons: list[str]) -> str:
-    """Format the sections as TOML; the reasons follow as comments."""
-    lines = ["# In place of [arm] and [dock]."]
-    for section, items in sections.items():
-        lines += [f"[{section}]", *(f"{key} = {json.dumps(value)}" for key, value in items.items()), ""]
-    return "\n".join((*lines, *(f"# {sentence}." for sentence in reasons)))

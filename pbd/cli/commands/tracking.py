@@ -5,6 +5,7 @@ from argparse import ArgumentParser
 from pathlib import Path
 
 from pbd.cli.options import (
+    CALIBRATION,
     REPLACE_DEMO,
     add_accept_gap,
     add_demo,
@@ -76,8 +77,7 @@ def touch(parser: ArgumentParser) -> None:
     option(parser, "--at", ("X", "Y", "Z"), "where the tool belongs in base, m", type=finite, nargs=3)
     flag(parser, "--only", "the other keyframes stay where they are")
     flag(parser, "--undo", "undo the last touch-up; an edited file keeps it, marked as undone")
-    wanted = "name (in ./calibration, or bundled) or file; default: the robot's own dock, else 'default'"
-    option(parser, "--calibration", "C", wanted)
+    option(parser, "--calibration", "C", f"{CALIBRATION}; default: the robot's own dock, else 'default'")
     add_accept_gap(parser)
     add_table(parser, units="m")
     parser.set_defaults(time="limits", dwell_s=None, force=False)
@@ -124,8 +124,7 @@ def fuse(parser: ArgumentParser) -> None:
     option(parser, "--plot", "DIR", drawn, type=Path)
     flag(parser, "--force", REPLACE_DEMO)
     add_table(parser, units="m,deg")
-    wanted = "name (in ./calibration, or bundled) or file: its [sensor] is taken out of each take first"
-    option(parser, "--calibration", "C", wanted)
+    option(parser, "--calibration", "C", f"{CALIBRATION}: its [sensor] is taken out of each take first")
     add_accept_gap(parser)
 
 
