@@ -37,13 +37,7 @@ class HelpFormatter(argparse.RawDescriptionHelpFormatter):
 class AppendOnce(argparse.Action):
     """Appends a pair of a name and a value, and refuses a name that was given before."""
 
-    def __call__(
-        self,
-        parser: argparse.ArgumentParser,
-        namespace: argparse.Namespace,
-        values: Any,
-        name: str | None = None,
-    ) -> None:
+    def __call__(self, parser: Any, namespace: argparse.Namespace, values: Any, name: str | None = None) -> None:
         """Append the pair."""
         given = getattr(namespace, self.dest)
         if values[0] in dict(given):

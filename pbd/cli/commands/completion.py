@@ -6,37 +6,18 @@ from typing import Any, NoReturn
 
 SHELLS = ("bash", "zsh", "fish", "tcsh")
 
-_CALIBRATIONS = "ls calibration 2>/dev/null | sed -n 's/[.]toml$//p'"
-
-COMPLETED = {
-    "DEMO": ("demos", "ls demos 2>/dev/null"),
-    "R": ("robots", "ls robots 2>/dev/null | sed -n 's/[.]toml$//p'"),
-    "C": ("calibrations", _CALIBRATIONS),
-    "CALIBRATION": ("calibrations", _CALIBRATIONS),
-    "SENSOR": ("sensors", ":"),
-    "TASK": ("tasks", ":"),
-    "M": ("models", ":"),
-    "P": ("ports", "ls /dev | sed -n 's,^tty[AU][CS][MB],/dev/&,p'"),
-}
-"""Metavar -> how to complete it: the name of a shell function, and a command that lists the user's own values."""
-
 
 class PrintCompletion(argparse.Action):
     """Prints the completion script of a shell, and exits."""
 
-    def __call__(
-        self,
-        parser: argparse.ArgumentParser,
-        namespace: argparse.Namespace,
-        values: str | Sequence[Any] | None,
-        option_string: str | None = None,
-    ) -> NoReturn:
+    def __call__(self, parser: argparse.ArgumentParser, namespace: Any, values: Any, name: Any = None) -> NoReturn:
         """Print the script and exit."""
         import shtab
 
+        completed = _completed()
         for argument in _arguments(parser):
-            if argument.metavar in COMPLETED:
-                function = f"_pbd_{COMPLETED[str(argument.metavar)][0]}"
+            if argument.metavar in completed:
+                function = f"_pbd_{argument.metavar}"
                 argument.complete = {"bash": function, "zsh": function, "fish": f"({function})"}  # type: ignore[attr-defined]
             elif argument.metavar in ("FILE", "DIR"):
                 argument.complete = shtab.FILE if argument.metavar == "FILE" else shtab.DIRECTORY  # type: ignore[attr-defined]
@@ -44,13 +25,11 @@ class PrintCompletion(argparse.Action):
             "bash": '_pbd_{name}() {{ compgen -W "{known} $({own})" -- "$1"; }}\n',
             "zsh": "_pbd_{name}() {{ compadd -- {known} $({own}); }}\n",
             "fish": "function _pbd_{name}\n  string split -n ' ' -- '{known}'\n  {own}\nend\n",
-        }.get(str(values), "")
-        bundled = _bundled()
+        }.get(values, "")
         functions = (
-            template.format(name=name, own=own, known=" ".join(bundled[name]))
-            for name, own in dict.fromkeys(COMPLETED.values())
+            template.format(name=metavar, known=" ".join(known), own=own) for metavar, (known, own) in completed.items()
         )
-        print(shtab.complete(parser, str(values), preamble="".join(functions)))
+        print(shtab.complete(parser, values, preamble="".join(functions)))
         parser.exit()
 
 
@@ -65,17 +44,21 @@ def _arguments(parser: argparse.ArgumentParser) -> Iterator[argparse.Action]:
                 yield from _arguments(below)
 
 
-def _bundled() -> dict[str, Sequence[str]]:
-    """Return the name of a shell function -> the bundled names that complete its argument."""
+def _completed() -> dict[str | tuple[str, ...] | None, tuple[Sequence[str], str]]:
+    """Return metavar -> how to complete it: the bundled names, and a command that lists the user's own."""
     from pbd.files.find_by_name import bundled, names
     from pbd.sensors.protocols import PROTOCOLS
     from pbd.simulation.simulate import CALIBRATION_TASKS, SENSOR_MODELS, TASKS
 
+    own = "ls {} 2>/dev/null | sed -n 's/[.]toml$//p'"
+    calibrations = names("calibration", bundled("calibration")), own.format("calibration")
     return {
-        **{kind: names(kind, bundled(kind)) for kind in ("demos", "robots")},
-        "calibrations": names("calibration", bundled("calibration")),
-        "sensors": ["sim", *PROTOCOLS],
-        "tasks": [*TASKS, *CALIBRATION_TASKS],
-        "models": list(SENSOR_MODELS),
-        "ports": (),
+        "DEMO": (names("demos", bundled("demos")), "ls demos 2>/dev/null"),
+        "R": (names("robots", bundled("robots")), own.format("robots")),
+        "C": calibrations,
+        "CALIBRATION": calibrations,
+        "SENSOR": (["sim", *PROTOCOLS], ":"),
+        "TASK": ([*TASKS, *CALIBRATION_TASKS], ":"),
+        "M": (list(SENSOR_MODELS), ":"),
+        "P": ((), "ls /dev | sed -n 's,^tty[AU][CS][MB],/dev/&,p'"),
     }
