@@ -5,20 +5,14 @@ and within SMOOTH_M and SMOOTH_RAD. The path starts and ends exactly at the keyf
 belong to an object that stands elsewhere now, so corrections at both ends are spread smoothly over the move.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pbd.data import Calibration, HandPath, Keyframe
 from pbd.pose import Array, Pose, quat_continuous, quat_exp, quat_inverse, quat_log, quat_multiply, quat_rotate
-
-if TYPE_CHECKING:
-    from scipy.interpolate import BSpline
 
 SMOOTH_M, SMOOTH_RAD = 0.005, np.radians(2.0)
 """Largest deviation, m and rad, of the smoothed path from the tracked one."""
@@ -91,9 +85,9 @@ def _smoothed_poses(
 
     share = (t - t[0]) / (t[-1] - t[0])
     wxyz = quat_continuous(wxyz)
-    p = smoothing_spline(share, p, within_m)(share)
-    wxyz = smoothing_spline(share, wxyz, 0.5 * within_rad)(share)  # a unit quaternion changes by half the angle
-    wxyz /= np.linalg.norm(wxyz, axis=1, keepdims=True)
+    p = smoothed(share, p, within_m)
+    wxyz = smoothed(share, wxyz, 0.5 * within_rad)  # a unit quaternion changes by half the angle
+    wxyz = wxyz / np.linalg.norm(wxyz, axis=1, keepdims=True)
     p, wxyz = with_ends_at(share, p, wxyz, start, end)
     shift = np.linalg.norm(np.diff(p, axis=0), axis=1) / 0.005
     turn = np.linalg.norm(quat_log(quat_multiply(quat_inverse(wxyz[:-1]), wxyz[1:])), axis=1) / np.radians(2.0)
@@ -117,24 +111,23 @@ def with_ends_at(share: Array, p: Array, wxyz: Array, start: Pose, end: Pose) ->
     return p, quat_multiply(quat_exp((1.0 - of_end) * turns[0] + of_end * turns[1]), wxyz)
 
 
-def smoothing_spline(x: Array, values: Array, within: float) -> BSpline:
-    """Fit the smoothest of the cubic splines tried to values (n, c) over x (n,) that stays within `within` of each.
+def smoothed(x: Array, values: Array, within: float) -> Array:
+    """Smooth values (n, c) over x (n,): the smoothest of the cubic splines tried that stays within `within` of each.
 
-    It passes through both ends. Fewer than five values are interpolated.
+    It passes through both ends. Fewer than five values stay as they are.
     """
-    from scipy.interpolate import make_interp_spline, make_smoothing_spline
+    from scipy.interpolate import make_smoothing_spline
 
-    exact: BSpline = make_interp_spline(x, values, k=min(3, len(x) - 1))
     if len(x) < 5 or within <= 0.0:
-        return exact
+        return values
     weights, strengths = np.ones(len(x)), np.logspace(-12, 1, 27)
     weights[[0, -1]] = 1e6  # so large that it passes through them
-    best, low, high = exact, 0, len(strengths)
+    best, low, high = values, 0, len(strengths)
     while low < high:
         middle = (low + high) // 2
-        spline = make_smoothing_spline(x, values, w=weights, lam=float(strengths[middle]))
-        if np.linalg.norm(spline(x) - values, axis=1).max() <= within:
-            best, low = spline, middle + 1
+        fitted = make_smoothing_spline(x, values, w=weights, lam=float(strengths[middle]))(x)
+        if np.linalg.norm(fitted - values, axis=1).max() <= within:
+            best, low = fitted, middle + 1
         else:
             high = middle
     return best

@@ -8,7 +8,7 @@ import pytest
 from pbd.calibration.demonstrated_path import (
     SMOOTH_M,
     demonstrated_moves,
-    smoothing_spline,
+    smoothed,
     with_ends_at,
 )
 from pbd.calibration.dock import nav_in_base
@@ -93,8 +93,7 @@ def test_the_path_is_smoothed_within_its_uncertainty(sigma_m: float) -> None:
     """White noise of 0.5 mm per axis, which no hand makes, is reduced; no sample moves by more than the bound."""
     noisy, clean = arc(noise_m=5e-4, sigma_m=sigma_m), arc()
     inside = slice(100, 201)
-    fit = smoothing_spline(np.linspace(0.0, 1.0, 101), noisy.p_nav_sensor[inside], min(sigma_m, SMOOTH_M))
-    fitted = fit(np.linspace(0.0, 1.0, 101))
+    fitted = smoothed(np.linspace(0.0, 1.0, 101), noisy.p_nav_sensor[inside], min(sigma_m, SMOOTH_M))
     moved = np.linalg.norm(fitted - noisy.p_nav_sensor[inside], axis=1)
     assert moved.max() <= min(sigma_m, SMOOTH_M)
     rough = [np.linalg.norm(np.diff(each, 3, axis=0)) for each in (fitted, noisy.p_nav_sensor[inside])]

@@ -1,19 +1,14 @@
 """The parser whose errors are one line."""
 
-from __future__ import annotations
-
 import argparse
 import re
 import sys
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import Any, NoReturn
 
 from pbd.cli.options import DRIVEN
 from pbd.errors import listed, nearest
 from pbd.files.find_by_name import names
-
-if TYPE_CHECKING:
-    from _typeshed import SupportsWrite
 
 
 class Parser(argparse.ArgumentParser):
@@ -57,7 +52,7 @@ class Parser(argparse.ArgumentParser):
             before = word if word in known else ""
         return "", ""
 
-    def _print_message(self, message: str, file: SupportsWrite[str] | None = None) -> None:
+    def _print_message(self, message: str, file: Any = None) -> None:
         """Print help and version; an output that can't be written is an error here, and is ignored by argparse."""
         if file is not None and file is sys.stdout:
             file.write(message)
