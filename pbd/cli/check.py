@@ -6,6 +6,7 @@ import sys
 from collections.abc import Sequence
 from typing import Any
 
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
 from rich.table import Table
 
 from pbd.check_demos import DemoCheck, check_all
@@ -21,8 +22,6 @@ MOST_REMARKS = 2
 
 def run(args: argparse.Namespace) -> None:
     """Check the demonstrations, print those that need a look first, and fail if one is unusable."""
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
-
     demos = without_aside(args.demos)
     columns = ("checking", BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=SafeConsole(sys.stderr), transient=True, disable=not sys.stderr.isatty()) as bar:

@@ -18,6 +18,7 @@ from pbd.record.redecode import decode_raw
 from pbd.record.session_types import FEWEST_STOPS
 from pbd.tracking.first_rest import find_rest
 from pbd.tracking.repair.repair_recording import repair_recording
+from pbd.tracking.taps import grip_by_taps
 
 
 def run(args: argparse.Namespace) -> None:
@@ -42,8 +43,6 @@ def run(args: argparse.Namespace) -> None:
         _print_columns(args, source)  # how they were read may be the cause
         raise
     if args.grip:
-        from pbd.tracking.taps import grip_by_taps
-
         taps = grip_by_taps(recording)
         none = "the grip stays open; `pbd keyframes --save` writes a file in which to say where it closes"
         at = listed(f"{event.t:.1f} s" for event in taps) if taps else none

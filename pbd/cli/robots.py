@@ -1,11 +1,9 @@
 """pbd robots [R]: list the robots, or show one; rank them by a demonstration; suggest a home and a dock for one."""
 
-from __future__ import annotations
-
 import argparse
 import json
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from rich.table import Table
@@ -13,6 +11,7 @@ from rich.table import Table
 from pbd.arm.collision.allowed_collisions import CONFIGURATIONS, link_pairs
 from pbd.arm.collision.geometry import link_bodies
 from pbd.arm.collision.shape_coverage import doubtful_shapes
+from pbd.arm.ik.partial_pose import WARN_RAD
 from pbd.arm.ik.starts import reach
 from pbd.arm.model import ArmModel, load_model
 from pbd.cli.common import load_demonstration, named_calibration, print_result, track_demonstration
@@ -21,13 +20,12 @@ from pbd.data import HandPath, Robot
 from pbd.errors import PbdError, RobotError, UsageError, collected_warnings, warn
 from pbd.files.find_by_name import names
 from pbd.files.robot import load_robot, read_robot
+from pbd.planning import arm_of, load_robot_and_calibration, plan_path
 from pbd.planning.preconditions import warn_of_frames
+from pbd.planning.suggest_dock import Suggestion, suggest_home_and_dock
 from pbd.pose import quat_to_rpy
 from pbd.view.terminal_tables import make_table, print_table, robots_table, words_table
 from pbd.view.units import Units
-
-if TYPE_CHECKING:
-    from pbd.planning.suggest_dock import Suggestion
 
 
 def run(args: argparse.Namespace) -> None:
@@ -121,9 +119,6 @@ def _rank_robots(args: argparse.Namespace) -> None:
 
 def _ranked_row(name: str, calibration_name: str | None, path: HandPath) -> dict[str, Any]:
     """Return a robot's row of the JSON: the figures of its motion, or `why` it can't do it."""
-    from pbd.arm.ik.partial_pose import WARN_RAD
-    from pbd.planning import arm_of, load_robot_and_calibration, plan_path
-
     row: dict[str, Any] = {"name": name}
     row |= dict.fromkeys(("reach_m", "farthest_m", "duration_s", "torque", "scale", "holds_poses", "why"))
     with collected_warnings() as row["warnings"]:
@@ -159,8 +154,6 @@ def _ranked_table(rows: list[dict[str, Any]], units: Units) -> Table:
 
 def _suggest_home_and_dock(args: argparse.Namespace) -> None:
     """Search for them, and print them with the reasons for the choice."""
-    from pbd.planning.suggest_dock import suggest_home_and_dock
-
     if args.robot or args.csv:
         raise UsageError("--suggest takes the file itself, and prints TOML, or JSON with --json")
     robot = read_robot(args.suggest, draft=True)

@@ -23,6 +23,7 @@ from pbd.errors import SensorError, UsageError, listed, noting
 from pbd.files.robot import load_robot
 from pbd.files.servo_calibration import COUNTS, own_servo_calibration, write_servo_calibration
 from pbd.io.atomic import is_folder, refuse_folder, refuse_output
+from pbd.view.safe_console import SafeConsole
 from pbd.view.terminal_tables import make_table, print_table
 
 EXPORTS_FOR_OTHER_ARMS = {
@@ -116,8 +117,6 @@ def _ids(robot: Robot) -> dict[str, int]:
 
 def _show_ranges(keys: Keys, session: Calibrating, ids: dict[str, int]) -> None:
     """Show the ranges while the person moves the joints, until Enter; any other key cancels (PbdError)."""
-    from pbd.view.safe_console import SafeConsole
-
     live: AbstractContextManager[Any] = nullcontext()
     if sys.stderr.isatty():
         from rich.live import Live
