@@ -102,7 +102,7 @@ def calibrate_sensor(
     if acc is not None:  # an error of gravity scales all axes alike: the vertical's direction does not show it
         matrix_sigma = float(np.hypot(acc.linear.matrix_sigma, unknown / gravity))
         errors = replace(errors, acc=replace(acc.linear, matrix_sigma=matrix_sigma))
-    remarks = (*_remarks_on_rests(rests), *_remarks_on_acc(recording, rests, acc), *_remarks_on_mag(mag), left_out)
+    remarks = (*_remarks(recording, rests, acc, mag), left_out)
     return SensorFit(errors, rests, acc, mag, tuple(filter(None, remarks)))
 
 
@@ -119,43 +119,35 @@ def _refuse_arguments(recording: Recording, gravity: float, only: Collection[str
         raise CalibrationError(f"{what}; fill them (pbd.tracking.repair.repair_recording), or record again")
 
 
-def _remarks_on_rests(rests: Rests) -> Iterator[str]:
+def _remarks(
+    recording: Recording, rests: Rests, acc: AccelerometerFit | None, mag: MagnetometerFit | None
+) -> Iterator[str]:
     if rests.turning:
         yield (
             f"{amount(rests.turning, 'rest')} of {len(rests) + rests.turning} left out: the gyro's reading differs by "
             "more than 0.3 degrees/s from that at most rests; the sensor turned slowly, or the gyro's bias drifts: let "
             "it warm up, and record again"
         )
-
-
-def _remarks_on_acc(recording: Recording, rests: Rests, acc: AccelerometerFit | None) -> Iterator[str]:
-    if acc is None:
-        return
-    if acc.misfit > WARNED_MISFIT * TRUSTED_ACC:
+    if acc is not None and acc.misfit > WARNED_MISFIT * TRUSTED_ACC:
         at = " or ".join(f"{recording.t[row]:.1f} s" for row in rests.start[acc.suspects])
         yield (
             f"the rests contradict each other by {acc.misfit / MG:.0f} mg (rms): the sensor was not still in a "
             f"rest{f' (that at {at} alone would explain it)' if at else ''}, or its bias drifted; let it warm up, "
             "lay it on a table, and record again"
         )
-    if acc.undetermined:
+    if acc is not None and acc.undetermined:
         yield (
             f"{amount(acc.orientations, 'orientation')} can't determine {', '.join(acc.undetermined)}: they are "
             "kept near zero; to measure all of them, put each of the six sides up, and an edge between the two axes of "
             "each misalignment"
         )
-
-
-def _remarks_on_mag(mag: MagnetometerFit | None) -> Iterator[str]:
-    if mag is None:
-        return
-    if mag.uneven > 0.05 or mag.heading > DISTURBED_HEADING:
+    if mag is not None and (mag.uneven > 0.05 or mag.heading > DISTURBED_HEADING):
         yield (
             f"the corrected magnetic field varies by {100.0 * mag.uneven:.0f} % in strength and by "
             f"{np.degrees(mag.dip_uneven):.1f} degrees in dip, so headings will be wrong: check the axes and "
             "signs of mx, my, mz, move away from iron and motors, and turn every side up; calibrate again"
         )
-    elif mag.axes_turn > np.radians(45.0):  # half-way between axes as named and axes exchanged
+    elif mag is not None and mag.axes_turn > np.radians(45.0):  # half-way between axes as named and axes exchanged
         yield (
             f"the magnetometer's axes are turned by {in_degrees(mag.axes_turn)} against the accelerometer's: mx, "
             "my, mz have wrong names or signs; this is corrected, but north may be south; to mend it, name its "
