@@ -1,18 +1,20 @@
 """The screen while recording: a live panel at a terminal, plain lines elsewhere."""
 
-from __future__ import annotations
-
 import sys
 import time
 from contextlib import suppress
-from typing import TYPE_CHECKING, Self
+from typing import Self
+
+from rich.console import Console, Group
+from rich.live import Live
+from rich.panel import Panel
+from rich.table import Table
+from rich.text import Text
 
 from pbd.errors import amount
 from pbd.record.person_messages import describe_stop, in_cm, position_text
 from pbd.record.session_types import Message, Status
-
-if TYPE_CHECKING:
-    from rich.console import Console, RenderableType
+from pbd.view.safe_console import SafeConsole
 
 LINES_KEPT = 6
 """Largest number of messages in the panel."""
@@ -55,10 +57,6 @@ class PanelScreen:
     """Draws a panel on stderr; some messages ring the bell."""
 
     def __init__(self, title: str, tolerance_m: float) -> None:
-        from rich.live import Live
-
-        from pbd.view.safe_console import SafeConsole
-
         self._title, self._tolerance_m = title, tolerance_m
         self._lines: list[Message] = []
         self._question = ""
@@ -86,13 +84,8 @@ class PanelScreen:
                 self._console.bell()
             self._live.update(self.panel(status), refresh=True)
 
-    def panel(self, status: Status) -> RenderableType:
+    def panel(self, status: Status) -> Panel:
         """Make the panel for a status."""
-        from rich.console import Group
-        from rich.panel import Panel
-        from rich.table import Table
-        from rich.text import Text
-
         table = Table.grid(padding=(0, 2))
         pause = status.moving and status.sigma_of_move_m > self._tolerance_m
         hand = f"pause now: {in_cm(status.sigma_of_move_m)}" if pause else state(status)
