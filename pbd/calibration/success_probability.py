@@ -44,8 +44,7 @@ def success_of(placed: KeyframesInBase, within_m: float | None = None, within_ra
     else:
         axes, turns = [np.full(3, within_m)] * len(keyframes), [within_rad] * len(keyframes)
     tolerance_m2 = np.array([R @ np.diag(each**2) @ R.T for each in axes])
-    cov = touched_up(placed).cov
-    return success(cov, tolerance_m2, np.array(turns))
+    return success(touched_up(placed).cov, tolerance_m2, np.array(turns))
 
 
 def success(cov_base_tool: Array, tolerance_m2: Array, tolerance_rad: Array) -> Success:

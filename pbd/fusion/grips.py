@@ -43,12 +43,10 @@ def differing_grips(keyframes: Sequence[IndexByTake], takes: Sequence[Take]) -> 
         shown = {takes[k].name: takes[k].keyframes[own].grip for k, own in sorted(keyframe.items())}
         if len(kinds := dict.fromkeys(shown.values())) > 1:
             each = (f"{DOES[kind]} in {listed(name for name, grip in shown.items() if grip is kind)}" for kind in kinds)
-            what = f"at keyframe {j} the grip {' but '.join(each)}: fused, it {DOES[fused]}"
-            lines.append(f"{what}; if that is wrong, edit it after pbd keyframes --save")
+            lines.append(f"at keyframe {j} the grip {' but '.join(each)}: fused, it {DOES[fused]}")
     closed = bool([False, *filter(lambda grip: grip is not None, does)][-1])
     ends = [_states(takes[k])[-1] for k in set[int]().union(*keyframes)]
     if 2 * ends.count(not closed) > len(ends):
         word, does_last = ("closed", "opens") if closed else ("open", "closes")
-        what = f"the grip stays {word} at the end, but it {does_last} in most takes, at a stop that is left out"
-        lines.append(f"{what}; if that is wrong, edit it after pbd keyframes --save")
-    return lines
+        lines.append(f"the grip stays {word} at the end, but it {does_last} in most takes, at a stop that is left out")
+    return [f"{line}; if that is wrong, edit it after pbd keyframes --save" for line in lines]

@@ -8,15 +8,9 @@ from pbd.errors import CalibrationError, warn
 
 
 def judge_fit(path: Path, before: Calibration | None, figure: str, chi2: float, what: str, again: str) -> None:
-    """Warn of a poor fit; refuse it if the file already has this part, measured, with a good fit.
+    """Warn of a poor fit; refuse it if `before`, the content of the file that has this part measured, fits well.
 
-    Args:
-        path: the calibration's file.
-        before: its content, if it has that part, measured.
-        figure: "part.figure" of the fit's chi2 in `residuals`.
-        chi2: of the new fit.
-        what: how it fits: the beginning of the message.
-        again: what to do: the end of the message.
+    `figure` is "part.figure" of the fit's chi2 in `residuals`. The message begins with `what` and ends with `again`.
     """
     part = f"the [{figure.partition('.')[0]}] of {path}"
     if chi2 > POOR_CHI2 and before is not None and before.residuals.get(figure, 0.0) <= POOR_CHI2:
