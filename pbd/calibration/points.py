@@ -1,6 +1,6 @@
 """Register nav in base from touched points. A point that contradicts the others is left out."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -107,8 +107,19 @@ def fit_points(
     touched = replace(touched, cov=touched.cov + touch_m**2 * np.eye(len(touched.cov)))
     problem = RegistrationProblem(touched, points, free, scaled, scale)
     wrong, fit, without = _find_wrong_points(problem)
+
+    def left_out_of(k: int) -> tuple[Array, Array]:
+        """Return point k minus its touch by the fit of the others, or, if they are too few, of all; and one sigma."""
+        others = without.get(k, fit)
+        if k in wrong or k in without:
+            at = wrong.index(k) if k in wrong else -1
+            off, cov = others.left_out[at], others.cov_left_out[at]
+        else:
+            off, cov = points[k] - fit.in_base(touched)[k], fit.cov[:3, :3]
+        return off, np.sqrt(np.diagonal(widened(cov, others.chi2, others.freedom)))
+
     cov = widened(fit.cov, fit.chi2, fit.freedom)
-    left_out = [_left_out(problem, k, wrong, fit, without) for k in range(len(points))]
+    left_out = [left_out_of(k) for k in range(len(points))]
     return PointFit(
         T_base_nav=fit.pose,
         cov=cov[:6, :6],
@@ -174,27 +185,6 @@ def _enough(problem: RegistrationProblem, left_out: Sequence[int]) -> bool:
     """Say whether the other points are enough for a fit, and lie far enough apart."""
     others = np.delete(problem.points, list(left_out), axis=0)
     return problem.freedom(len(others)) > 0 and not _bad_shape(others, problem.free)
-
-
-def _left_out(
-    problem: RegistrationProblem,
-    k: int,
-    wrong: Sequence[int],
-    fit: RegistrationFit,
-    without: Mapping[int, RegistrationFit],
-) -> tuple[Array, Array]:
-    """Return point k minus its touch by the fit of the others, and one sigma, (3,) m each.
-
-    If the others do not suffice for a fit, it is by the fit of all.
-    """
-    if k in wrong:
-        off, cov = fit.left_out[wrong.index(k)], fit.cov_left_out[wrong.index(k)]
-    elif k in without:
-        fit = without[k]
-        off, cov = fit.left_out[-1], fit.cov_left_out[-1]
-    else:
-        off, cov = problem.points[k] - fit.in_base(problem.touched)[k], fit.cov[:3, :3]
-    return off, np.sqrt(np.diagonal(widened(cov, fit.chi2, fit.freedom)))
 
 
 def refuse_shape(points: Array, free: bool) -> None:
