@@ -58,13 +58,22 @@ def estimate_task(takes: Sequence[Take], calibration: Calibration | None = None)
     Raises:
         TrackingError: most takes don't agree.
     """
+
+    def with_known_stops(observations: Observations, x: TaskState, refuse: bool = False) -> Observations:
+        """Return the observations conditioned on what is known of each take's stops."""
+        marginals = [
+            condition_on_known_stops(takes[k], marginal, Q, lever, calibration, refuse)
+            for k, marginal, Q, lever in zip(used, observations.marginals, x.Q, x.lever, strict=True)
+        ]
+        return replace(observations, marginals=tuple(marginals))
+
     moved, alignment = _matched([matched_keyframes(take) for take in takes])
     refuse_other_tasks(takes, alignment)
     left_out = dict.fromkeys(alignment.strangers, "another task, or only a part of it")
     while True:
         used = sorted(alignment.registered)
         observations, x = initial_estimate(takes, used, alignment, moved)
-        observations = _with_known_stops(takes, used, observations, x, calibration)
+        observations = with_known_stops(observations, x)
         joint = estimate_jointly(observations, x, common_scatter(len(x.m)))
         if (out := outlying_take(observations, joint)) is None:
             break
@@ -79,7 +88,7 @@ def estimate_task(takes: Sequence[Take], calibration: Calibration | None = None)
         states.append(estimate_with_device(takes[k].solution, joint.state.devices[d]))
         marginals.append(marginal_of(takes[k].solution, takes[k].knots, states[-1]))
     observations = replace(observations, marginals=tuple(marginals))
-    observations = _with_known_stops(takes, used, observations, joint.state, calibration, refuse=True)
+    observations = with_known_stops(observations, joint.state, refuse=True)
     joint = estimate_jointly(observations, joint.state, joint.scatter)
     # A factor for the tracker's covariance, as the takes show it, makes the sigmas honest but not the estimate better.
     honest = estimate_jointly(observations, joint.state, replace(joint.scatter, tracker_freedom=TRACKER_FREEDOM))
@@ -98,22 +107,6 @@ def _matched(shown: Sequence[Keyframes]) -> tuple[MovedKeyframes | None, Alignme
     if moved is not None and (also := another_thing(moved, keyframes)):
         warn(also)
     return moved, align_takes(keyframes)
-
-
-def _with_known_stops(
-    takes: Sequence[Take],
-    used: Sequence[int],
-    observations: Observations,
-    x: TaskState,
-    calibration: Calibration | None,
-    refuse: bool = False,
-) -> Observations:
-    """Return the observations conditioned on what is known of each take's stops."""
-    marginals = [
-        condition_on_known_stops(takes[k], marginal, Q, lever, calibration, refuse)
-        for k, marginal, Q, lever in zip(used, observations.marginals, x.Q, x.lever, strict=True)
-    ]
-    return replace(observations, marginals=tuple(marginals))
 
 
 def _shifted_sensors(takes: Sequence[FusedTake]) -> str:
