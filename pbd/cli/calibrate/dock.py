@@ -80,7 +80,17 @@ def _pose(args: argparse.Namespace, robot: Robot | None, calibration: Calibratio
         pose = _tool_at_joints(args.joints, robot) @ calibration.T_sensor_tool.inverse()
         return pose, np.zeros((6, 6)), "where the robot's tool stands at those joints"
     name, index = args.from_keyframe
-    return *_pose_at_keyframe(args, calibration), f"where {name} stopped at keyframe {index}"
+    through = load_calibration(args.calibration) if args.calibration else calibration
+    if not (args.calibration or calibration.knows_start):
+        what = f"the calibration '{args.name}' does not say where the hand starts, so it is unknown where {name} did"
+        raise CalibrationError(f"{what}; name another one with --calibration")
+    path = track_with(args, load_demo(name), through)
+    keyframes = keyframes_of(path)
+    if not (index.isdigit() and int(index) < len(keyframes)):
+        last = len(keyframes) - 1
+        what = f"{name} has the keyframes 0 to {last}, not '{index}'; `pbd keyframes {shlex.quote(name)}` lists them"
+        raise CalibrationError(what, value=index, bound=last)
+    return *dock_at(keyframes, int(index), through, path), f"where {name} stopped at keyframe {index}"
 
 
 def _tool_at_joints(joints: list[float], robot: Robot | None) -> Pose:
@@ -118,22 +128,6 @@ def _doubt_degrees(what: str, option: str, angles: Array) -> None:
     if largest <= 2.0 * np.pi and (np.round(angles, 1) != angles).any():
         beyond = amount(largest, "degree", ".3g")
         warn(f"no {what} is beyond {beyond}; {option} takes degrees, so if they are rad, convert them")
-
-
-def _pose_at_keyframe(args: argparse.Namespace, calibration: Calibration) -> tuple[Pose, Array]:
-    """Return T_base_dock where a demonstration stopped, and its covariance (6, 6)."""
-    name, index = args.from_keyframe
-    through = load_calibration(args.calibration) if args.calibration else calibration
-    if not (args.calibration or calibration.knows_start):
-        what = f"the calibration '{args.name}' does not say where the hand starts, so it is unknown where {name} did"
-        raise CalibrationError(f"{what}; name another one with --calibration")
-    path = track_with(args, load_demo(name), through)
-    keyframes = keyframes_of(path)
-    if not (index.isdigit() and int(index) < len(keyframes)):
-        last = len(keyframes) - 1
-        what = f"{name} has the keyframes 0 to {last}, not '{index}'; `pbd keyframes {shlex.quote(name)}` lists them"
-        raise CalibrationError(what, value=index, bound=last)
-    return dock_at(keyframes, int(index), through, path)
 
 
 def _refuse_out_of_reach(robot: Robot, T_base_tool: Pose) -> None:
