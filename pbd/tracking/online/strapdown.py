@@ -2,7 +2,7 @@
 
 from collections import deque
 from dataclasses import dataclass
-from math import sin, sqrt
+from math import inf, sin, sqrt
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from pbd.tracking.moving_windows import rows_of_mean
 from pbd.tracking.noise import Noise, densities
 from pbd.tracking.online.sample_repair import RepairedSample
 from pbd.tracking.repair.channel_faults import REPEATED_ROWS
-from pbd.tracking.repair.saturation import LEAST_RANGE
+from pbd.tracking.repair.saturation import LEAST_RANGE, TOP_TOLERANCE, by_clipping
 from pbd.tracking.smoother.knots import MOVE_KNOT_S
 from pbd.tracking.smoother.preintegration import (
     BLOCK_S,
@@ -27,25 +27,35 @@ from pbd.tracking.smoother.preintegration import (
     of_blocks_by_errors,
 )
 
-CLIPPED_RATE, CLIPPED_SHARE = 3.0, 0.2
-"""Smallest rate, rad/s, at which a gyro axis that repeats its largest reading counts as clipped.
-One sigma of what is lost by clipping, as a share of the largest reading."""
+CLIPPED_SHARE = 0.2
+"""One sigma of what is lost by clipping, as a share of the largest reading."""
 
 
 class EndOfRange:
-    """Finds where a channel is at the end of its range: an axis repeats its largest reading, and `least` or more."""
+    """Finds where a channel is at the end of its range, as `find_clips` does of a whole recording.
 
-    def __init__(self, least: float) -> None:
-        self._largest, self._same = least, 0
+    There an axis repeats its largest reading, `least` or more, more often than a rounded peak would by chance.
+    """
 
-    def lost(self, readings: Array, before: Array, dt: float) -> float:
-        """Variance that this row's share adds to the channel's integral; 0 within the range."""
-        sizes = [abs(each) for each in readings.tolist()]
-        same = (readings == before).tolist()
-        repeats = any(alike and size >= self._largest for alike, size in zip(same, sizes, strict=True))
-        self._same = self._same + 1 if repeats else 0
-        self._largest = max(self._largest, *sizes)
-        if self._same < REPEATED_ROWS - 1:
+    def __init__(self, first: Array, least: float) -> None:
+        """Begin with the first reading (3,)."""
+        self._readings = deque([first.tolist()], maxlen=3)
+        self._largest, self._step, self._fall, self._same = least, inf, 0.0, 0
+
+    def lost(self, reading: Array, dt: float) -> float:
+        """Variance that the next reading (3,) adds to the channel's integral over `dt` s; 0 within the range."""
+        now, before = reading.tolist(), self._readings[-1]
+        steps = (abs(x - y) for x, y in zip(now, before, strict=True))
+        self._step = min([self._step, *(step for step in steps if step > TOP_TOLERANCE * self._largest)])
+        top = next((k for k in range(3) if now[k] == before[k] and abs(now[k]) >= self._largest), None)
+        if top is None:
+            self._same = 0
+        elif self._same == 0:  # how far its side falls in the two readings before the top
+            self._fall = max(abs(now[top] - each[top]) for each in self._readings)
+        self._same += top is not None
+        self._largest = max(self._largest, *map(abs, now))
+        self._readings.append(now)
+        if self._same < REPEATED_ROWS - 1 or not by_clipping(self._fall, self._step, self._same + 1):
             return 0.0
         # All to one side: variance grows as the square of the duration.
         return (CLIPPED_SHARE * dt * self._largest) ** 2 * (2.0 * self._same + 1.0)
@@ -85,11 +95,12 @@ class Strapdown:
         self.block = max(1, round(BLOCK_S / interval))
         self.C: Array = _device_attitude(first) if no_gyro else np.eye(3)
         self.rate = first.gyr - gyro_bias
-        self._acc, self._gyr, self._t = first.acc, first.gyr, first.t
+        self._acc, self._t = first.acc, first.t
         self._before = self.rate
         self.u: Array = self.C @ first.acc
         self._u_before = self.u
-        self._ranges, self.clipped = (EndOfRange(CLIPPED_RATE), EndOfRange(LEAST_RANGE["acc"])), ""
+        self._gyr_range = EndOfRange(first.gyr, LEAST_RANGE["gyr"])
+        self._acc_range, self.clipped = EndOfRange(first.acc, LEAST_RANGE["acc"]), ""
         # Rows of u and rate that `densities` needs before and after each row. So noise is added this many rows late.
         self._beside = 3 * rows_of_mean(1.0 / interval) - 1
         first_rows = [(self.u, self.rate)] * (2 * self._beside)
@@ -114,12 +125,13 @@ class Strapdown:
             rate = sample.gyr - self._bias
             turn = _middles(dt, self._before, self.rate, rate) + dt**2 / 12.0 * _cross(self.rate, rate)
             self.C = self.C @ turn_matrix(turn)
-            lost = self._ranges[0].lost(sample.gyr, self._gyr, dt), self._ranges[1].lost(sample.acc, self._acc, dt)
+            lost = (0.0, 0.0)
+            if (rate != self.rate).any() or (sample.acc != self._acc).any():  # no sample that was read twice
+                lost = self._gyr_range.lost(sample.gyr, dt), self._acc_range.lost(sample.acc, dt)
             if any(lost):
                 self.clipped = "gyro" if lost[0] else "accelerometer"
                 self._gap_noise += lost
-        self._before, self.rate, self._t = self.rate, rate, sample.t
-        self._acc, self._gyr = sample.acc, sample.gyr
+        self._before, self.rate, self._acc, self._t = self.rate, rate, sample.acc, sample.t
         u = self.C @ sample.acc
         gained = _middles(dt, self._u_before, self.u, u)
         self.P = self.P + dt * (self.U + 0.5 * gained) - dt**2 / 12.0 * (u - self.u)

@@ -118,13 +118,18 @@ def _clipped_runs(x: Array, sensor: str, new: NDArray[np.bool_]) -> list[tuple[i
     for start, stop, samples in flat:
         sides = x[max(start - 2, 0) : start], x[stop : stop + 2]
         fall = min((top - float(side.min()) for side in sides if len(side)), default=0.0)
-        if (CHANCE_STEPS * step / max(fall, step)) ** (samples - 1) < CLIPPED_CHANCE:
+        if by_clipping(fall, step, samples):
             return tops
     beside = np.pad(x, 1, constant_values=-np.inf)
     peaks = x[(x > beside[:-2]) & (x >= beside[2:])]
     high, others = int(np.count_nonzero(peaks > top - TAIL_STEPS * step)), len(tops) - 1
     log_ways = lgamma(high) - lgamma(others + 1) - lgamma(high - others)
     return tops if log_ways - others * log(TAIL_STEPS) < log(CLIPPED_CHANCE) else []
+
+
+def by_clipping(fall: float, step: float, samples: int) -> bool:
+    """Whether so many samples at the top are no rounded peak's, whose sides fall by `fall` in readings of this step."""
+    return (CHANCE_STEPS * step / max(fall, step)) ** (samples - 1) < CLIPPED_CHANCE
 
 
 def declip(recording: Recording, clips: Sequence[Clip]) -> tuple[Recording, tuple[LostMotion, ...]]:
