@@ -30,9 +30,11 @@ def sample_polyline(q: Array, opening: float, rates: Array, step_m: float) -> Jo
     return JointPath(t, x)
 
 
-def sample_trajectory(trajectory: JointTrajectory, rates: Array, start: float = 0.0, end: float = np.inf) -> JointPath:
+def sample_trajectory(
+    trajectory: JointTrajectory, rates: Array, start: float = -np.inf, end: float = np.inf
+) -> JointPath:
     """Sample a trajectory from `start` to `end` (s); rates (p, k + 1), see motion_bounds.py."""
-    end = min(end, trajectory.duration)
+    start, end = max(start, 0.0), min(end, trajectory.duration)
     marks = np.concatenate((_turning_points(trajectory), trajectory.knots, trajectory.gripper_t, (start, end)))
     marks = np.unique(marks[(marks >= start) & (marks <= end)])
     marks = np.append(marks[:-1][np.diff(marks) > _SAME_S], marks[-1])

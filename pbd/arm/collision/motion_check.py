@@ -5,12 +5,10 @@ least MARGIN_M.
 """
 
 import json
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pbd.arm.collision.clearance import Clearance
 from pbd.arm.collision.scene import CollisionScene, Hit
 from pbd.arm.path_sampling import sample_trajectory
 from pbd.data import JointTrajectory
@@ -46,7 +44,8 @@ def all_hits(scene: CollisionScene, trajectory: JointTrajectory) -> tuple[Motion
     The trajectory's gripper opening decides where the fingers are, and when the object is carried.
     """
     found: list[MotionHit] = []
-    for clearance, start, end in _phases(scene, trajectory):
+    spans = [(scene.object_clearance(each), each.start, each.end) for each in object_phases_of(scene, trajectory)]
+    for clearance, start, end in ((scene.always, -np.inf, np.inf), *spans):
         path = sample_trajectory(trajectory, clearance.rates, start, end)
         for met in clearance.contacts(path):
             hit = scene.as_hit(clearance, met.pair, path.x[met.deepest], met.distance)
@@ -61,15 +60,6 @@ def all_hits(scene: CollisionScene, trajectory: JointTrajectory) -> tuple[Motion
             deeper = min(hits[i].hit, later.hit, key=lambda each: each.distance)
             hits[i] = replace(hits[i], hit=deeper, parted_t=max(hits[i].parted_t, later.parted_t))
     return tuple(hits)
-
-
-def _phases(scene: CollisionScene, trajectory: JointTrajectory) -> Iterator[tuple[Clearance, float, float]]:
-    """Yield the pairs to check, and from when to when, s."""
-    yield scene.always, 0.0, trajectory.duration
-    for phase in object_phases_of(scene, trajectory):
-        start, end = max(0.0, phase.start), min(phase.end, trajectory.duration)
-        if start <= end:
-            yield scene.object_clearance(phase), start, end
 
 
 def _same_contact(earlier: MotionHit, later: MotionHit) -> bool:

@@ -15,7 +15,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from pbd.arm.collision.allowed_collisions import NEARLY_ALWAYS, Unchecked, link_pairs, sample_coordinates
+from pbd.arm.collision.allowed_collisions import NEARLY_ALWAYS, link_pairs, sample_coordinates
 from pbd.arm.collision.clearance import CLOSE_M, MARGIN_M, Clearance, Pairs
 from pbd.arm.collision.geometry import Body, body_distance
 from pbd.arm.collision.motion_bounds import moving_pairs
@@ -44,14 +44,12 @@ class Hit:
         first, second: names of links or obstacles, TABLE, THE_TOOL, or the grasped object ("the cylinder").
         distance: m, negative by the depth of the overlap.
         p_base: (3,) m, the point of contact in base.
-        share: share of the path at which the contact begins.
     """
 
     first: str
     second: str
     distance: float
     p_base: Array
-    share: float = 0.0
 
     @property
     def depth(self) -> float:
@@ -82,8 +80,8 @@ class CollisionScene:
     """The bodies that can touch, for one arm and its surroundings. Not safe to share between threads, as the arm.
 
     Attributes:
-        unchecked: the pairs of links that are not checked, and why.
         obstacles: names of the obstacles.
+        sunk: links that are not checked against the table, since they nearly always touch it.
         links: names of the links that have a body.
         margin_m: bodies closer than this, m, count as touching.
         always: the arm against itself, the table and the obstacles.
@@ -99,7 +97,7 @@ class CollisionScene:
         self.arm, self.table_height, self._grasped = arm, table_height, grasped
         obstacles, self.margin_m = tuple(obstacles), MARGIN_M
         self.obstacles = frozenset(obstacle.name for obstacle in obstacles)
-        self._links, (pairs, self.unchecked) = arm_bodies(arm), link_pairs(arm)
+        self._links, (pairs, _) = arm_bodies(arm), link_pairs(arm)
         self.links = frozenset(link.name for link in self._links) - {THE_TOOL}
         world = [Body(o.name, 0, o.T_base_obstacle, o.shape, o.size) for o in obstacles]
         if table_height is not None:
@@ -107,14 +105,12 @@ class CollisionScene:
             world.insert(0, Body(TABLE, 0, T_base_table, "floor"))
         self._bodies = (*self._links, *world)
         around = self._pairs_between(self._bodies, range(len(self._links)), range(len(self._links), len(self._bodies)))
-        around = self._without_mount(around)
-        self.always = Clearance(arm, self._bodies, np.concatenate((pairs, around)))
+        on_table = np.flatnonzero([self._bodies[second].name == TABLE for _, second in around])
+        clearance = Clearance(arm, self._bodies, around[on_table])
+        sunk = on_table[list(clearance.always_touching(sample_coordinates(arm), NEARLY_ALWAYS))]
+        self.sunk = tuple(dict.fromkeys(self._bodies[link].name for link, _ in around[sunk]))
+        self.always = Clearance(arm, self._bodies, np.concatenate((pairs, np.delete(around, sunk, axis=0))))
         self._with_object = WeakKeyDictionary[ObjectPhase, Clearance]()
-
-    @property
-    def sunk(self) -> tuple[str, ...]:
-        """Links that are not checked against the table, since they nearly always touch it."""
-        return tuple(dict.fromkeys(pair.first for pair in self.unchecked if pair.second == TABLE))
 
     def closer(self) -> CollisionScene:
         """Return the same scene with the margin CLOSE_M."""
@@ -161,13 +157,12 @@ class CollisionScene:
     def check_path(self, q: Array, grasp: GraspState | None = None) -> Hit | None:
         """Return the first hit along the polyline in joint space through joints (m, k)."""
         grasp = grasp or GraspState()
-        first = None
+        begins, first = np.inf, None
         for each in self.clearances(grasp.phase):
             path = sample_polyline(q, grasp.opening, each.rates, 2.0 * self.margin_m)
             met = each.first_contact(path)
-            if met is not None and (first is None or path.t[met.first] < first.share):
-                share = float(path.t[met.first])
-                first = self.as_hit(each, met.pair, path.x[met.deepest], met.distance, share)
+            if met is not None and path.t[met.first] < begins:
+                begins, first = path.t[met.first], self.as_hit(each, met.pair, path.x[met.deepest], met.distance)
         return first
 
     def grasp_states(self, T_base_tool: Sequence[Pose], grips: Sequence[bool | None]) -> tuple[GraspState, ...]:
@@ -205,9 +200,9 @@ class CollisionScene:
             self._with_object[phase] = self._object_pairs(phase)
         return self._with_object[phase]
 
-    def as_hit(self, clearance: Clearance, pair: int, x: Array, distance: float, share: float = 0.0) -> Hit:
+    def as_hit(self, clearance: Clearance, pair: int, x: Array, distance: float) -> Hit:
         """Make the hit of a pair that touches at coordinates x (k + 1,)."""
-        return Hit(*clearance.names(pair), distance, clearance.witness(x, pair), share)
+        return Hit(*clearance.names(pair), distance, clearance.witness(x, pair))
 
     def _object_pairs(self, phase: ObjectPhase) -> Clearance:
         thing = self._grasped
@@ -238,12 +233,3 @@ class CollisionScene:
         others = tuple(others)
         pairs = np.array([(a, b) for a in ones for b in others], dtype=np.int64).reshape(-1, 2)
         return moving_pairs(self.arm, bodies, pairs)
-
-    def _without_mount(self, around: Pairs) -> Pairs:
-        """Remove the pairs of the table and links that nearly always touch it, such as the arm's mount."""
-        on_table = np.flatnonzero([self._bodies[second].name == TABLE for _, second in around])
-        clearance = Clearance(self.arm, self._bodies, around[on_table])
-        always = on_table[list(clearance.always_touching(sample_coordinates(self.arm), NEARLY_ALWAYS))]
-        why = "on it in nearly every configuration"
-        self.unchecked += tuple(Unchecked(self._bodies[link].name, TABLE, why) for link, _ in around[always])
-        return np.delete(around, always, axis=0)
