@@ -2,13 +2,12 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NoReturn
 
 import numpy as np
 
 from pbd.audit.arm import AuditArm
 from pbd.audit.collision_pairs import AuditScene
-from pbd.audit.contact import Touch, coordinates, find_touch
+from pbd.audit.contact import coordinates, find_touch
 from pbd.audit.limits import JUMP_RAD, check_limits, check_samples, check_smoothness, fail
 from pbd.audit.torque import Torque, find_torque
 from pbd.cache import cached_by_thread
@@ -76,9 +75,18 @@ def audit(
     errors = _check_poses(trajectory, _arm(robot), T_base_tool_keyframes)
     if world is not None:
         scene = _scene(robot, *world)
-        touch = find_touch(scene.arm, trajectory, scene.pairs(trajectory))
-        if touch is not None:
-            _refuse(trajectory, touch)
+        if (touch := find_touch(scene.arm, trajectory, scene.pairs(trajectory))) is not None:
+            first, second = touch.bodies
+            keyframe, last = int(np.searchsorted(trajectory.keyframe_t, touch.t)), len(trajectory.keyframe_t) - 1
+            where = f"on the way to keyframe {keyframe}" if keyframe <= last else f"after keyframe {last}"
+            # No bug report is asked for: the planner's list of pairs may leave out pairs that the audit checks.
+            raise TouchError(
+                f"audit: {where} (t = {touch.t:.2f} s) {first} would touch {second}; move the dock or what stands in "
+                "the way, turn the hand differently there, or look at it with --allow-collision",
+                keyframe=keyframe,
+                t=touch.t,
+                bodies=touch.bodies,
+            )
     return AuditReport(*shares, *errors, torque_of(trajectory, robot, load))
 
 
@@ -158,21 +166,3 @@ def _check_poses(trajectory: JointTrajectory, arm: AuditArm, required: Sequence[
             )
         worst_m, worst_rad = max(worst_m, position), max(worst_rad, rotation)
     return worst_m, worst_rad
-
-
-def _refuse(trajectory: JointTrajectory, touch: Touch) -> NoReturn:
-    """Refuse a motion that touches something.
-
-    The message asks for no bug report: the planner's list of pairs may leave out pairs that the audit checks.
-    """
-    first, second = touch.bodies
-    keyframe = int(np.searchsorted(trajectory.keyframe_t, touch.t))
-    last = len(trajectory.keyframe_t) - 1
-    where = f"on the way to keyframe {keyframe}" if keyframe <= last else f"after keyframe {last}"
-    raise TouchError(
-        f"audit: {where} (t = {touch.t:.2f} s) {first} would touch {second}; move the dock or what stands in the way,"
-        " turn the hand differently there, or look at it with --allow-collision",
-        keyframe=keyframe,
-        t=touch.t,
-        bodies=touch.bodies,
-    )

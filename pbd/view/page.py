@@ -14,6 +14,7 @@ import importlib.resources
 import re
 from functools import cache
 from pathlib import Path
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import umsgpack
@@ -47,9 +48,10 @@ def write_page(scene: ReplayScene, path: str | Path) -> None:
     """
     from pbd.view.scene import build
 
-    window = _Collector()
-    build(scene, Visualizer.view_into(window, ScenePath((SCENE_ROOT,))))
-    write_text(Path(path), page_html(scene.title, b"".join(window.commands)))
+    commands: list[Any] = []
+    build(scene, Visualizer.view_into(SimpleNamespace(send=commands.append), ScenePath((SCENE_ROOT,))))
+    packed = [umsgpack.packb(command.lower()) for command in commands]
+    write_text(Path(path), page_html(scene.title, b"".join(len(each).to_bytes(4, "little") + each for each in packed)))
 
 
 def page_html(title: str, commands: bytes, connect: str = "'none'") -> str:
@@ -83,17 +85,6 @@ def viewer_code() -> str:
     licences = "\n".join((folder / name).read_text(encoding="utf-8") for name in names).replace("*/", "* /")
     code = (folder / "dist/main.min.js").read_text(encoding="utf-8")
     return f"{code}\n/*! {licences} */\n".replace("\r\n", "\n")
-
-
-class _Collector:
-    """A substitute for meshcat's window that keeps the commands."""
-
-    def __init__(self) -> None:
-        self.commands: list[bytes] = []
-
-    def send(self, command: Any) -> None:
-        packed = umsgpack.packb(command.lower())
-        self.commands.append(len(packed).to_bytes(4, "little") + packed)
 
 
 def _web(name: str) -> str:
