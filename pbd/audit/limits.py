@@ -110,7 +110,6 @@ def _extremum_times(trajectory: JointTrajectory) -> Array:
 
 
 def _largest(values: Array) -> tuple[int, ...]:
-    """Return the indices of the largest value."""
     return tuple(map(int, np.unravel_index(int(np.argmax(values)), values.shape)))
 
 

@@ -146,7 +146,6 @@ def _dots(demo: int) -> dict[str, Any]:
 
 
 def _legend_entries(comparison: Comparison) -> list[Artist]:
-    """The legend's entries for the demonstrations."""
     named: list[Artist] = [
         Line2D([], [], **_line(k), label=plain_text(demo.name, LONGEST_NAME))
         for k, demo in enumerate(comparison.demos[:MAX_NAMED])

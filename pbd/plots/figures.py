@@ -147,7 +147,6 @@ def _summary(demo: DemoValues) -> Figure:
 
 
 def _summary_legend(demo: DemoValues) -> list[Artist]:
-    """The legend's entries for all axes of the summary."""
     names = zip(("x, roll", "y, pitch", "z, yaw"), AXES_RGB, strict=True)
     handles: list[Artist] = [Line2D([], [], color=colour, label=name) for name, colour in names]
     handles.append(Line2D([], [], color=SIGMA_RGB, linewidth=1.6, label="σ"))

@@ -202,7 +202,6 @@ def _trembles(path: HandPath, a_nav: Array, n: int) -> NDArray[np.bool_]:
 
 
 def _unsure_moves(path: HandPath, names: Sequence[str], added_m: Array) -> list[Finding]:
-    """Find moves that add much uncertainty."""
     advice, found, worst = "stop on the way, or move more calmly", list[RankedFinding](), ""
     for k in sorted(np.flatnonzero(added_m > UNSURE_MOVE_M).tolist(), key=lambda k: -added_m[k]):
         move = f"from {names[k]} to {names[k + 1]} ({_move_s(path, k):.1f} s)"

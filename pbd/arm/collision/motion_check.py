@@ -63,7 +63,6 @@ def all_hits(scene: CollisionScene, trajectory: JointTrajectory) -> tuple[Motion
 
 
 def _same_contact(earlier: MotionHit, later: MotionHit) -> bool:
-    """Whether two hits are of the same two bodies, at nearly the same time."""
     same_bodies = (earlier.hit.first, earlier.hit.second) == (later.hit.first, later.hit.second)
     return same_bodies and later.t <= earlier.parted_t + _MERGED_S
 
@@ -94,7 +93,6 @@ def refuse_home(scene: CollisionScene) -> None:
 
 
 def _away_from_home(scene: CollisionScene, hit: Hit) -> str:
-    """Say how to make home free."""
     change = "change home in the robot's TOML"
     if hit.second == TABLE:
         return f"correct table_height in the calibration, or {change}"
