@@ -30,8 +30,8 @@ ABOUT_AXIS_WEIGHT = 0.1
 SLACK_RAD = np.deg2rad(0.1)
 """On a path, a solution's weighted rotation error, rad, may be larger than the best solution's by up to this."""
 
-NEAR_M = 1e-5
-"""Tolerance of the position, m."""
+TOLERANCE_M, TOLERANCE_RAD = 1e-5, 1e-5
+"""Largest errors of the tool's position, m, and rotation, rad, at which a pose counts as reached."""
 
 WARN_RAD = np.deg2rad(5.0)
 """Rotation error above which a warning is given, rad."""
@@ -60,7 +60,7 @@ class PartialPose(NamedTuple):
     @property
     def reached(self) -> bool:
         """Whether the position is met, which is all that counts."""
-        return self.position_m <= NEAR_M
+        return self.position_m <= TOLERANCE_M
 
     @property
     def weighted_rad(self) -> float:

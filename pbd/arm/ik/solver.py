@@ -10,13 +10,10 @@ import numpy as np
 import pinocchio as pin
 
 from pbd.arm.ik.levenberg_marquardt import MOST_STEPS, SOLVED, Residual, descend_each
-from pbd.arm.ik.partial_pose import is_partial, solve_partial
+from pbd.arm.ik.partial_pose import TOLERANCE_M, TOLERANCE_RAD, is_partial, solve_partial
 from pbd.arm.ik.starts import starts_of
 from pbd.arm.model import ArmModel, to_se3
 from pbd.pose import Array, Pose
-
-TOLERANCE_M, TOLERANCE_RAD = 1e-5, 1e-5
-"""Largest errors of the tool's position, m, and rotation, rad, at which a pose counts as reached."""
 
 NEAREST_STARTS = 24
 """Number of samples near the pose that are tried first."""

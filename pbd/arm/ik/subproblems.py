@@ -35,11 +35,13 @@ class Axis:
 
     def rotate(self, by: tuple[Array, Array], v: Array) -> Array:
         """Rotate v (..., 3) by angles (...); `by`: `sines` of them."""
-        return _rotated(self.K, by, v)
+        across = v @ self.K
+        rotated: Array = v + by[0] * across + by[1] * (across @ self.K)
+        return rotated
 
     def unrotate(self, by: tuple[Array, Array], v: Array) -> Array:
         """Rotate v (..., 3) by the negative angles."""
-        return _rotated(self.K.T, by, v)
+        return self.rotate((-by[0], by[1]), v)
 
     def align(self, v: Array, w: Array) -> Array:
         """Return the angles (...) that rotate v (..., 3) nearest to w (..., 3)."""
@@ -88,12 +90,6 @@ def axes_of(arm: ArmModel) -> tuple[list[Axis], pin.SE3]:
 def sines(q: Array) -> tuple[Array, Array]:
     """Return the sine and the versine, 1 - cos, (..., 1) of angles (...)."""
     return np.sin(q)[..., None], (1.0 - np.cos(q))[..., None]
-
-
-def _rotated(K: Array, by: tuple[Array, Array], v: Array) -> Array:
-    across = v @ K
-    rotated: Array = v + by[0] * across + by[1] * (across @ K)
-    return rotated
 
 
 def _dot(v: Array, w: Array) -> Array:

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from pbd.arm.ik.levenberg_marquardt import Residual
-from pbd.arm.ik.partial_pose import nearest_position
-from pbd.arm.ik.solver import TOLERANCE_M, IkResult, solve
+from pbd.arm.ik.partial_pose import TOLERANCE_M, nearest_position
+from pbd.arm.ik.solver import IkResult, solve
 from pbd.arm.ik.starts import starts_of
 from pbd.arm.model import ArmModel, to_se3
 from pbd.errors import PlanError, in_mm_or_cm

@@ -7,7 +7,8 @@ import pytest
 from scipy.optimize import least_squares
 
 from pbd.arm.ik.levenberg_marquardt import descend_each
-from pbd.arm.ik.solver import TOLERANCE_M, TOLERANCE_RAD, ik_result, solve
+from pbd.arm.ik.partial_pose import TOLERANCE_M, TOLERANCE_RAD
+from pbd.arm.ik.solver import ik_result, solve
 from pbd.arm.model import ArmModel, to_se3
 from pbd.pose import Array, Pose
 from tests.arm.bundled import FIVE_JOINTS, NAMES, arm_of

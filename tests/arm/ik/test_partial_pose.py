@@ -10,7 +10,7 @@ from scipy.optimize import Bounds, NonlinearConstraint, minimize
 
 from pbd.arm.ik.partial_pose import (
     ABOUT_AXIS_WEIGHT,
-    NEAR_M,
+    TOLERANCE_M,
     PartialPose,
     held_poses,
     is_partial,
@@ -53,7 +53,7 @@ def test_an_arm_whose_joints_move_the_tool_alike_is_relaxed_too(tmp_path: Path, 
         pose = turned(arm.forward(truth), 0.5 * rng.normal(size=3))
         result = solve(arm, pose)
         assert result.reached
-        assert np.linalg.norm(arm.forward(result.q).p - pose.p) < NEAR_M
+        assert np.linalg.norm(arm.forward(result.q).p - pose.p) < TOLERANCE_M
 
 
 def test_a_full_pose_within_reach_is_met() -> None:
@@ -73,7 +73,7 @@ def test_the_position_is_met_whatever_the_rotation() -> None:
         pose = turned(arm.forward(truth), rng.normal(size=3))
         result = solve(arm, pose)
         assert result.reached
-        assert np.linalg.norm(arm.forward(result.q).p - pose.p) < NEAR_M
+        assert np.linalg.norm(arm.forward(result.q).p - pose.p) < TOLERANCE_M
         assert ((result.q >= arm.limits.lower) & (result.q <= arm.limits.upper)).all()
 
 
@@ -203,5 +203,5 @@ def test_five_joints_hold_the_bundled_demonstrations(name: str, demo: str) -> No
     assert approach < (2.0 if demo == "pouring" else 4.0)
     assert about < 0.5
     for pose, at in zip(held, q, strict=True):
-        assert max(pose.distance(arm.forward(at))) < NEAR_M
+        assert max(pose.distance(arm.forward(at))) < TOLERANCE_M
     assert ((q >= arm.limits.lower) & (q <= arm.limits.upper)).all()
