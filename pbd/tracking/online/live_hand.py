@@ -220,7 +220,7 @@ class LiveHand:
         if doubted and not soon and self._without_last is not None:
             without, off, _ = self._without_last.fork_at_stop(*test)
             if replaces_last := off <= VELOCITY_GATE:
-                kalman, doubted, confirm_s = without, False, max(CONFIRM_S, last.duration_s)
+                kalman, doubted, confirm_s = without, False, last.duration_s
         if doubted:
             kalman.add_knock_or_wrong_turn(since, speed)
             if not jolted:

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pbd.tracking.smoother.doubtful_stops import stop_weights
+from pbd.tracking.smoother.doubtful_stops import settled, stop_weights
 from tests.tracking.fault_matrix import SILENT_RIGHT, Case, named, outcome
 
 
@@ -27,6 +27,11 @@ def weights(speeds: list[list[float]]) -> list[float]:
     state: Any = SimpleNamespace(E=zeros, v=v, shared=np.zeros(40))
     found: list[float] = stop_weights(problem, state).tolist()
     return found
+
+
+@pytest.mark.parametrize(("end", "same"), [(51, True), (53, False)])
+def test_a_stop_is_the_same_if_its_ends_move_by_less_than_two_hundredths_of_a_second(end: int, same: bool) -> None:
+    assert settled(0.01 * np.arange(100.0), [(20, 50)], [(20, end)]) == same
 
 
 def test_a_hand_that_turns_back_does_not_stop() -> None:

@@ -34,6 +34,7 @@ from pbd.tracking.smoother.factors import (
     _add_device_attitude,
     _add_priors,
     _add_reach,
+    _add_stops,
     compass_heading,
     linearise,
     robust_weights,
@@ -68,6 +69,12 @@ def test_a_devices_own_attitude_is_believed_at_rest_and_not_where_it_turns() -> 
     rate = lengths(problem.frame.gyr[problem.rows])
     assert sigma[0] == pytest.approx(noise.device_attitude, rel=0.05)
     assert sigma[np.argmax(rate)] == pytest.approx(noise.device_lag * rate.max(), rel=0.05)
+
+
+def test_a_devices_own_attitude_tells_the_heading_so_nothing_else_fixes_it() -> None:
+    solution = not_none(smoothed(simulate("pour", "os5000-nogyro", 0).recording).solution)
+    tilt_x, tilt_y, heading = np.sqrt(np.diagonal(solution.solved.covariance_of_knots(ROT)[solution.fixed.origin]))
+    assert heading > max(tilt_x, tilt_y)  # gravity shows the tilt too
 
 
 def test_the_first_and_the_last_row_are_knots() -> None:
@@ -178,6 +185,22 @@ def test_a_foot_turns_about_the_point_that_it_treads_on() -> None:
     assert len(found.stops) == 11
     assert not_none(found.solution).state.shared[SHARED_PIVOT] == pytest.approx(r, abs=0.03)
     assert np.linalg.norm(found.path.p[-1] - found.path.p[0]) == pytest.approx(10.0, abs=0.02)
+
+
+def test_a_pivot_further_away_moves_a_stops_knots_as_their_hessian_says() -> None:
+    solution = not_none(smoothed(simulate("pour", "modern", 0).recording).solution)
+    m = len(solution.problem.rows)
+    known = replace(solution.problem, stop_of=np.full(m, -1), stood=np.ones(m - 1, dtype=np.bool_))
+    x, gradients = solution.state, list[Array]()
+    for further in (0.0, 0.1):
+        equations = NormalEquations.empty(m, SHARED)
+        shared = x.shared.copy()
+        shared[SHARED_PIVOT] += (further, 0.0, 0.0)  # m
+        _add_stops(equations, known, replace(x, shared=shared), solution.fixed, 1.0)
+        gradients.append(equations.g[:, POS].copy())
+    by_pivot = equations.border[:, POS, SHARED_PIVOT][:, :, 0]
+    assert np.abs(by_pivot).max() > 0.0
+    np.testing.assert_allclose(gradients[1] - gradients[0], 0.1 * by_pivot, rtol=1e-6, atol=1e-6)
 
 
 def test_a_perfect_sensor_is_followed_to_half_a_millimetre() -> None:
