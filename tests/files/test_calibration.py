@@ -132,7 +132,13 @@ def test_keys_that_the_default_comments_out_are_valid(tmp_path: Path) -> None:
             ":13: [mount] covariance is not a covariance (symmetric, positive); remove it, or calibrate again",
         ),
         (MOUNT, MOUNT + "sigma_m = [0, -1, 0]\n", ":13: [mount] sigma_m must not be below zero, got [0.0, -1.0, 0.0]"),
+        (MOUNT, MOUNT + "sigma_deg = [0, 0, -1]\n", ":13: [mount] sigma_deg must not be below zero, got [0.0, "),
         (MOUNT, MOUNT + MIRRORED, ":17: [sensor.gyr] matrix must be near the unit matrix"),
+        (
+            MOUNT,
+            MOUNT + MIRRORED[: MIRRORED.index("matrix")] + "bias_sigma = [0.0, -1.0, 0.0]\n",
+            ":17: [sensor.gyr] bias_sigma must not be below zero, got [0.0, ",
+        ),
         (DOCK, DOCK + NAV, ":6: dock and [nav] can't both be given; remove one"),
         ('"lamp"', '"shelf"', ":20: [obstacle] name 'shelf' is another obstacle's too; rename one of them"),
         ('"sphere"', '"ball"', ":21: [obstacle] shape must be one of box, cylinder, sphere, got 'ball'; correct it"),

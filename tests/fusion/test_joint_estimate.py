@@ -22,7 +22,7 @@ from pbd.fusion.scatter import common_scatter, keyframe_scatter
 from pbd.pose import Array, matrix_log
 from pbd.simulation.sensor_model import SENSOR_MODELS
 from tests.benchmarks.fuse import errors_of, one_device
-from tests.fusion.made_up_takes import Truth, initial_state, observations, rotations, truth
+from tests.fusion.made_up_takes import PRIOR, Truth, initial_state, observations, rotations, truth
 
 MM = 1e-3
 
@@ -45,6 +45,16 @@ def test_errors_that_the_takes_do_not_show_are_the_priors() -> None:
     np.testing.assert_allclose(
         estimate_jointly(takes, initial_state(true), common_scatter(6)).state.devices[0], mean, rtol=1e-9
     )
+
+
+@pytest.mark.parametrize("widest", [0, 1])
+def test_a_doubt_of_one_take_holds_for_all_takes_of_its_device(widest: int) -> None:
+    takes, true = observations(truth(2), np.array(MM), MM), truth(2)
+    wide, narrow = PRIOR, 100.0 * PRIOR
+    marginals = tuple(replace(one, prior=wide if k == widest else narrow) for k, one in enumerate(takes.marginals))
+    takes = replace(takes, marginals=marginals)
+    found = estimate_jointly(takes, initial_state(true), common_scatter(6))
+    np.testing.assert_allclose(found.cov_devices[0], np.linalg.inv(wide), rtol=1e-6, atol=1e-12)
 
 
 def test_frames_levers_and_rotations_in_the_hand_are_found() -> None:

@@ -145,3 +145,22 @@ def test_a_stop_that_taps_interrupt_counts_once(scripted: tuple[Feedback, Script
     assert feedback.stops == 2
     feedback.mark_grip(3.1)
     assert feedback.stops == 1
+
+
+@pytest.mark.parametrize(
+    "after",
+    [replace(begun(1, 0.0), t=4.2, continues=True), replace(begun(1, 0.0), t=5.0)],
+    ids=["stop 1 goes on", "stop 2 was none, and stop 1 gives way"],
+)
+def test_a_grip_counts_in_the_moves_to_the_stops_that_there_are(
+    scripted: tuple[Feedback, Scripted], after: StopBegan
+) -> None:
+    """Between stops 0 and 1 the taps are; a move of 3 s that comes later is none of theirs."""
+    feedback, _ = scripted
+    feedback.mark_grip(3.1)
+    for index, t in ((0, 1.0), (1, 3.4)) if after.continues else ((0, 1.0), (1, 2.0), (2, 3.4)):
+        said(scripted, t, replace(begun(index, 0.0), t=t))
+        said(scripted, t + 0.1, StopEnded(index, 3.0 if t < 3.0 else 4.0, keyframe(0.0)))
+    assert feedback.stops == (1 if after.continues else 2)
+    said(scripted, 5.0, after)
+    assert feedback.stops == (1 if after.continues else 2)

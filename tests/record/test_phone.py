@@ -255,6 +255,8 @@ def test_hostile_answers_to_the_first_question_are_no_phone_at_most(phone: Phone
         ("http://127.0.0.1:99999", "is no address of a phone"),
         ("http://127.0.0.1/get", "is no address of a phone"),
         ("http://user:word@127.0.0.1", "is no address of a phone"),
+        ("http://127.0.0.1?acc_time=full", "is no address of a phone"),
+        ("http://:8080", "is no address of a phone"),
         ("ftp://phone", "is no address of a phone"),
     ],
 )

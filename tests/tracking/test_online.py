@@ -350,7 +350,7 @@ def test_what_was_clipped_in_a_stop_is_not_told_of_the_move_after_it() -> None:
     not_none(tracker._hand)._strapdown.clipped = "gyro"
     after = with_rows(poured_at_first(), slice(150, None))
     events = tracker.feed(after.t, after.acc, after.gyr, after.mag)
-    assert began(events)
+    assert began(list(events))
     assert not [event for event in events if isinstance(event, DataFlaw)]
 
 

@@ -157,6 +157,14 @@ def test_rows_that_were_written_twice_hide_no_freeze() -> None:
     assert set(rows[frozen_rows(twice)]) == set(range(301, 310))
 
 
+@pytest.mark.parametrize(("every", "frozen"), [(200, True), (40, False)])
+def test_a_sensor_that_repeats_more_than_one_row_in_a_hundred_is_coarse(every: int, frozen: bool) -> None:
+    recording = held(simulate("pour", "modern").recording, 300, 310)
+    rows = np.arange(len(recording))
+    rows[every::every] -= 1
+    assert frozen_rows(replace(with_rows(recording, rows), t=recording.t)).any() == frozen
+
+
 @pytest.mark.parametrize(("again", "frozen"), [(2, False), (3, True)])
 def test_a_slow_sensor_is_frozen_after_three_equal_samples(again: int, frozen: bool) -> None:
     recording = simulate("pour", "modern", rate_hz=25.0).recording

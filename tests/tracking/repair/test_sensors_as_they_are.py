@@ -164,6 +164,14 @@ def test_an_accelerometer_that_was_divided_by_its_norm_is_refused(sensor: str) -
         track(replace(recording, acc=GRAVITY * direction))
 
 
+def test_a_norm_that_changes_by_half_a_thousandth_was_not_divided_by() -> None:
+    t = np.arange(300) / 100.0
+    acc = np.column_stack((np.sin(t), np.zeros(300), np.cos(t))) + np.random.default_rng(0).normal(0.0, 0.02, (300, 3))
+    norms = np.linspace(1.0, 1.0005, 300)[:, None]
+    acc *= GRAVITY * norms / np.linalg.norm(acc, axis=1, keepdims=True)
+    refuse_dead(Recording(t, acc))
+
+
 def test_a_rest_whose_noise_hardly_changes_the_norm_was_not_divided_by_it() -> None:
     acc = np.random.default_rng(0).normal((0.0, 0.0, GRAVITY), 1e-4, (300, 3))
     refuse_dead(Recording(np.arange(300) / 100.0, acc))

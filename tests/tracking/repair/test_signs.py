@@ -26,6 +26,7 @@ from pbd.simulation.tasks import Task
 from pbd.tracking.repair.axes import Contradiction, Witness, find_axis_error
 from pbd.tracking.repair.axis_mappings import AxisMapping
 from pbd.tracking.repair.gyro_consistency import (
+    _pairs,
     refuse_disagreement,
     refuse_flipped_signs,
     up_in_sensor,
@@ -278,7 +279,7 @@ def test_upside_down_is_said_where_z_points_down(roll: float, pitch: float, yaw:
     assert [warning.category for warning in caught] == ([PbdWarning] if up_sensor[2] <= -0.9 else [])
 
 
-@pytest.mark.parametrize(("field_z", "told"), [(40.0, False), (-40.0, True), (0.0, False)])
+@pytest.mark.parametrize(("field_z", "told"), [(40.0, False), (-40.0, True), (-10.0, False)])
 def test_a_field_that_points_up_is_a_second_witness(field_z: float, told: bool) -> None:
     """In the northern hemisphere the field points down, along +z of a sensor that is upside down."""
     field = np.array([[20.0, 0.0, field_z]] * 2)
@@ -286,6 +287,11 @@ def test_a_field_that_points_up_is_a_second_witness(field_z: float, told: bool) 
     with pytest.warns(PbdWarning, match="lies upside down") as caught:
         warn_upside_down(recording, np.array([0.0, 0.0, -1.0]), 0, 2)
     assert ("south of the equator" in str(caught[0].message)) == told
+
+
+def test_steady_moments_more_than_five_seconds_apart_are_no_pair() -> None:
+    first, second = _pairs(np.array([0, 240, 600]), 50.0)
+    assert (first.tolist(), second.tolist()) == ([0], [1])
 
 
 def test_a_drones_axes_are_another_way_to_be_upside_down() -> None:

@@ -40,6 +40,14 @@ def test_exchanged_blocks_are_put_back(sensor: str, seconds: float) -> None:
     assert in_order(by_device) is by_device
 
 
+def test_blocks_longer_than_any_packet_are_not_exchanged() -> None:
+    recording = simulate("pour", "modern", 1).recording
+    rows = np.arange(len(recording))
+    rows[230:830] = np.roll(rows[230:830], 300)
+    mixed = replace(with_rows(recording, rows), t=recording.t)
+    assert in_order(mixed) is mixed
+
+
 @pytest.mark.parametrize("rows", [0, 1, 3])
 def test_on_a_straight_line_both_sides_of_an_edge_say_the_same_half_way(rows: int) -> None:
     x = np.arange(20.0)[:, None] * (1.0, -2.0)

@@ -54,3 +54,17 @@ def test_a_gyros_counts_are_named_as_such(tmp_path: Path, of_acc: bool) -> None:
 def test_a_field_of_zeros_has_no_unit(tmp_path: Path) -> None:
     acc, none = np.tile((0.0, 0.0, GRAVITY), (3, 1)), np.zeros((3, 3))
     refuse_other_units(imported(tmp_path, acc, none, none, {}))
+
+
+@pytest.mark.parametrize(("field_ut", "refused"), [(0.006, True), (0.02, False)])
+def test_a_field_below_a_hundredth_of_a_microtesla_is_in_another_unit(field_ut: float, refused: bool) -> None:
+    recording = Recording(np.arange(3.0), np.zeros((3, 3)), mag=np.tile((0.0, 0.0, field_ut), (3, 1)))
+    with pytest.raises(RecordingError, match="its unit is another") if refused else nullcontext():
+        refuse_other_units(recording)
+
+
+@pytest.mark.parametrize(("heading", "refused"), [(12.0, False), (20.0, True)])
+def test_a_heading_may_count_on_after_a_turn_but_not_for_ever(heading: float, refused: bool) -> None:
+    recording = Recording(np.arange(3.0), np.zeros((3, 3)), device_rpy=np.tile((0.0, 0.0, heading), (3, 1)))
+    with pytest.raises(RecordingError, match="they are in degrees") if refused else nullcontext():
+        refuse_other_units(recording)
