@@ -157,6 +157,12 @@ def test_field_and_attitude_are_held_for_a_fifth_of_a_second() -> None:
     assert [sample.mag for sample in samples] == [(1.0, 0.0, 0.0), (1.0, 0.0, 0.0), (1.0, 0.0, 0.0), None]
 
 
+def test_no_field_from_before_a_restart_is_held() -> None:
+    acc, mag = xsens.item(xsens.ACC, (0.0, 0.0, 9.8)), xsens.item(xsens.MAG, (1.0, 0.0, 0.0))
+    messages = xsens.message(xsens.clock(7, 90_000), acc, mag) + xsens.message(xsens.clock(0, 10), acc)
+    assert [sample.mag for sample in XsensDecoder().feed(messages)] == [(1.0, 0.0, 0.0), None]
+
+
 def test_attitude_alone_is_a_sample() -> None:
     sample = one(xsens.message(xsens.item(xsens.EULER, (0.0, 0.0, 90.0))))
     assert sample == Sample(rpy=(0.0, 0.0, pi / 2.0))

@@ -548,6 +548,12 @@ def test_the_keyframe_of_a_stop_is_made_once() -> None:
     assert all(again is keyframe for again, keyframe in zip(tracker.keyframes, tracker.keyframes, strict=True))
 
 
+def test_a_stops_rows_last_as_long_as_it_does() -> None:
+    tracker, _ = fed(poured_at_first())
+    stop, t = tracker.stops[0], poured_at_first().t
+    assert t[stop.stop - 1] - t[stop.start] == pytest.approx(stop.dwell_s)
+
+
 def test_a_sensor_put_down_that_bounces_makes_one_stop() -> None:
     up, down = (0.0, 0.0, 0.15), (0.2, 0.0, 0.0)
     bounce = (Waypoint(down, move_s=0.8, rest_s=0.3), Waypoint((0.2, 0.0, 0.012), move_s=0.2, rest_s=1.0))
