@@ -223,6 +223,14 @@ def test_the_reach_of_a_hand_pulls_no_stop_of_a_foot_that_walks_far_away(seed: i
     assert np.linalg.norm(found.path.p[-1] - found.path.p[0]) == pytest.approx(28.0, abs=0.3)
 
 
+def test_a_gyro_that_warms_up_loses_no_stop() -> None:
+    """By 0.12 deg/s each second, 3 deg/s at the end: the estimate of the bias shows which windows are quiet."""
+    turns = (Waypoint((0.15 * (k % 2), 0.0, 0.0), (0.0, 0.7 * (k % 2), 0.0), move_s=1.0, rest_s=1.0) for k in (1, 2, 3))
+    recording = simulate(Task("warm", (Waypoint(rest_s=20.0), *turns)), "os5000", 3).recording
+    warm = not_none(recording.gyr) + np.radians(0.12) * recording.t[:, None] * (0.6, 0.0, 0.8)
+    assert len(smoothed(replace(recording, gyr=warm)).stops) == 4
+
+
 def test_only_a_hand_that_moves_for_long_is_within_reach() -> None:
     """Not within half a stride, one second, of a knot that stands still, wherever that is."""
     t, near, far = 0.6 * np.arange(12.0), (1.0, 0.0, 0.0), (7.0, 0.0, 0.0)
