@@ -83,6 +83,10 @@ def test_no_process_is_started_without_a_demonstration(takes: list[str], monkeyp
     assert started == [2]
 
 
+def test_no_demonstrations_are_no_results_with_any_jobs() -> None:
+    assert check_all([], jobs=2) == ()
+
+
 def test_no_jobs_at_all_are_refused() -> None:
     with pytest.raises(WrongValueError, match="jobs must be 1 or more, or -1 for one process per core, got 0"):
         check_all(["pouring"], jobs=0)

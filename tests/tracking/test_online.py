@@ -345,6 +345,15 @@ def test_a_clipped_move_loses_no_stop_and_is_told_with_it() -> None:
     assert flaws_before_stops(fed(shift)[1]) == [[], [f"the accelerometer {end}"], *3 * [[]]]
 
 
+def test_what_was_clipped_is_told_with_one_stop_however_soon_the_hand_leaves_it() -> None:
+    recording = simulate("pick-and-place-stops", "modern", 0).recording
+    gyr, tracker = np.clip(not_none(recording.gyr), -10.0, 10.0), LiveTracker()
+    for t, acc, each in zip(recording.t, recording.acc, gyr, strict=True):
+        if any(isinstance(event, DataFlaw) for event in tracker.feed(t, acc, each)):
+            break
+    assert not_none(tracker._hand)._strapdown.clipped == ""
+
+
 def test_what_was_clipped_in_a_stop_is_not_told_of_the_move_after_it() -> None:
     tracker, _ = fed(with_rows(poured_at_first(), slice(0, 150)))
     not_none(tracker._hand)._strapdown.clipped = "gyro"
