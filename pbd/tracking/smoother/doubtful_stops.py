@@ -12,7 +12,7 @@ from pbd.tracking.noise import OUTLIER_SIGMAS
 from pbd.tracking.slow_ends import without_slow_ends
 from pbd.tracking.smoother.factors import pivot_velocity, robust_weights
 from pbd.tracking.smoother.gauss_newton import UNDOUBTED_SIGMAS
-from pbd.tracking.smoother.knots import Problem
+from pbd.tracking.smoother.knots import LONG_STOP_S, Problem
 from pbd.tracking.smoother.normal_equations import Solved
 from pbd.tracking.smoother.preintegration import VEL
 from pbd.tracking.smoother.state import State
@@ -29,12 +29,20 @@ SLOW_SPEED = 0.02
 """m/s: a doubted stop is cut where the estimated speed is larger, and larger than noise explains."""
 
 
-def doubted_stops(problem: Problem, still: Array, candidates: Spans) -> NDArray[np.bool_]:
-    """Which candidates (c,) contain a knot that seems to move, and are long enough for both a rest and a move."""
-    knots, spans = problem.rows[(problem.stop_of >= 0) & (still < MOVING_WEIGHT)], np.array(candidates)
-    first, end = np.searchsorted(knots, spans.T)
-    start, last = problem.frame.t[spans - (0, 1)].T
-    doubted: NDArray[np.bool_] = (end > first) & (last - start > SHORTEST_DIVIDED_S)
+def doubted_stops(problem: Problem, v: Array, still: Array, candidates: Spans, still_sigma: Array) -> NDArray[np.bool_]:
+    """Which candidates (c,) contain a knot that seems to move, and are long enough for both a rest and a move.
+
+    Between the knots of a long one the velocity counts too: a hand that moves and rests in turns may rest at each knot.
+
+    Args:
+        still: weights of zero velocity at the knots.
+        problem, v, candidates, still_sigma: as `revised_stops` takes them.
+    """
+    spans, moving = np.array(candidates), problem.rows[(problem.stop_of >= 0) & (still < MOVING_WEIGHT)]
+    lasts = np.diff(problem.frame.t[spans - (0, 1)], axis=1)[:, 0]
+    fast = np.flatnonzero(lengths(v) > np.maximum(SLOW_SPEED, OUTLIER_SIGMAS * still_sigma))
+    has_moving, has_fast = (np.diff(np.searchsorted(rows, spans), axis=1)[:, 0] > 0 for rows in (moving, fast))
+    doubted: NDArray[np.bool_] = has_moving & (lasts > SHORTEST_DIVIDED_S) | has_fast & (lasts > LONG_STOP_S)
     return doubted
 
 

@@ -148,7 +148,7 @@ def smooth(
     while True:
         if recuts:
             recuts -= 1
-            cut = cut | doubted_stops(problem, found.still_weight, candidates)
+            cut = cut | doubted_stops(problem, path.v, found.still_weight, candidates, still_sigma)
             stops = revised_stops(problem, path.v, found.solved, candidates, cut, still_sigma, all_gaps)
             if not stops or settled(problem.frame.t, problem.stops, stops):
                 problem, recuts = replace(problem, stops=stops or problem.stops), 0

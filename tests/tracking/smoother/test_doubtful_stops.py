@@ -6,7 +6,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from pbd.pipeline import track
+from pbd.simulation.hand_motion import Waypoint
+from pbd.simulation.tasks import Task
 from pbd.tracking.smoother.doubtful_stops import settled, stop_weights
+from tests.scenarios import simulate, uncalibrated
 from tests.tracking.fault_matrix import SILENT_RIGHT, Case, named, outcome
 
 
@@ -51,3 +55,12 @@ def test_between_two_taps_the_middle_of_a_slow_move_is_no_stop() -> None:
     found = outcome(Case(named("taps", "80 m/s2"), "pour", "modern", 10))
     assert found.verdict == SILENT_RIGHT
     assert found.error_m < 0.01
+
+
+@uncalibrated
+@pytest.mark.parametrize("sensor", ["modern", "wt901"])
+def test_a_hand_that_rests_every_other_second_stops_each_time(sensor: str) -> None:
+    """The moves are calm, so all of it seems one long rest, in which the knots are a second apart."""
+    turns = [Waypoint((0.05 * (k % 2), 0.0, 0.0), move_s=1.0, rest_s=1.0) for k in range(1, 12)]
+    task = Task("in time", (Waypoint(rest_s=2.0), *turns))
+    assert len(track(simulate(task, sensor, 0).recording).stops) == 12
