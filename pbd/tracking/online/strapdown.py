@@ -31,29 +31,32 @@ CLIPPED_SHARE = 0.2
 """One sigma of what is lost by clipping, as a share of the largest reading."""
 
 
+Floats = list[float]
+
+
 class EndOfRange:
     """Finds where a channel is at the end of its range, as `find_clips` does of a whole recording.
 
     There an axis repeats its largest reading, `least` or more, more often than a rounded peak would by chance.
     """
 
-    def __init__(self, first: Array, least: float) -> None:
+    def __init__(self, first: Floats, least: float) -> None:
         """Begin with the first reading (3,)."""
-        self._readings = deque([first.tolist()], maxlen=3)
+        self._readings = deque([first], maxlen=3)
         self._largest, self._step, self._fall, self._same = least, inf, 0.0, 0
 
-    def lost(self, reading: Array, dt: float) -> float:
+    def lost(self, now: Floats, dt: float) -> float:
         """Variance that the next reading (3,) adds to the channel's integral over `dt` s; 0 within the range."""
-        now, before = reading.tolist(), self._readings[-1]
-        steps = (abs(x - y) for x, y in zip(now, before, strict=True))
-        self._step = min([self._step, *(step for step in steps if step > TOP_TOLERANCE * self._largest)])
-        top = next((k for k in range(3) if now[k] == before[k] and abs(now[k]) >= self._largest), None)
-        if top is None:
-            self._same = 0
-        elif self._same == 0:  # how far its side falls in the two readings before the top
+        before, least_step, largest = self._readings[-1], TOP_TOLERANCE * self._largest, max(map(abs, now))
+        for x, y in zip(now, before, strict=True):
+            if least_step < abs(x - y) < self._step:
+                self._step = abs(x - y)
+        tops = (k for k in range(3) if now[k] == before[k] and abs(now[k]) >= self._largest)
+        top = None if largest < self._largest else next(tops, None)
+        if top is not None and self._same == 0:  # how far its side falls in the two readings before the top
             self._fall = max(abs(now[top] - each[top]) for each in self._readings)
-        self._same += top is not None
-        self._largest = max(self._largest, *map(abs, now))
+        self._same = 0 if top is None else self._same + 1
+        self._largest = max(self._largest, largest)
         self._readings.append(now)
         if self._same < REPEATED_ROWS - 1 or not by_clipping(self._fall, self._step, self._same + 1):
             return 0.0
@@ -99,8 +102,9 @@ class Strapdown:
         self._before = self.rate
         self.u: Array = self.C @ first.acc
         self._u_before = self.u
-        self._gyr_range = EndOfRange(first.gyr, LEAST_RANGE["gyr"])
-        self._acc_range, self.clipped = EndOfRange(first.acc, LEAST_RANGE["acc"]), ""
+        self._latest: tuple[Floats, Floats] = first.gyr.tolist(), first.acc.tolist()
+        self._gyr_range, self._acc_range = map(EndOfRange, self._latest, (LEAST_RANGE["gyr"], LEAST_RANGE["acc"]))
+        self.clipped = ""
         # Rows of u and rate that `densities` needs before and after each row. So noise is added this many rows late.
         self._beside = 3 * rows_of_mean(1.0 / interval) - 1
         first_rows = [(self.u, self.rate)] * (2 * self._beside)
@@ -125,12 +129,7 @@ class Strapdown:
             rate = sample.gyr - self._bias
             turn = _middles(dt, self._before, self.rate, rate) + dt**2 / 12.0 * _cross(self.rate, rate)
             self.C = self.C @ turn_matrix(turn)
-            lost = (0.0, 0.0)
-            if (rate != self.rate).any() or (sample.acc != self._acc).any():  # no sample that was read twice
-                lost = self._gyr_range.lost(sample.gyr, dt), self._acc_range.lost(sample.acc, dt)
-            if any(lost):
-                self.clipped = "gyro" if lost[0] else "accelerometer"
-                self._gap_noise += lost
+            self._detect_clipping(sample, dt)
         self._before, self.rate, self._acc, self._t = self.rate, rate, sample.acc, sample.t
         u = self.C @ sample.acc
         gained = _middles(dt, self._u_before, self.u, u)
@@ -146,6 +145,16 @@ class Strapdown:
         self._accs.append(sample.acc)
         self._by_lag = self._by_lag + _cross(rate, sample.acc)
         self._recent.append((self.u, rate))
+
+    def _detect_clipping(self, sample: RepairedSample, dt: float) -> None:
+        gyr, acc = latest = sample.gyr.tolist(), sample.acc.tolist()
+        if latest == self._latest:  # a sample that was read twice
+            return
+        self._latest = latest
+        lost = self._gyr_range.lost(gyr, dt), self._acc_range.lost(acc, dt)
+        if any(lost):
+            self.clipped = "gyro" if lost[0] else "accelerometer"
+            self._gap_noise += lost
 
     def leg(self, up: Array, quiet: bool = False) -> Leg:
         """The leg since the last call; `up` (3,) m/s2 is specific force at rest, in the gyro frame.
