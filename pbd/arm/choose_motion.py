@@ -10,6 +10,7 @@ links.
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
+from importlib.util import find_spec
 
 import numpy as np
 
@@ -32,7 +33,7 @@ from pbd.arm.refusal import (
     warn_of_closeness,
 )
 from pbd.arm.tool_deviation import ToolDeviation, tool_deviations
-from pbd.errors import PlanError
+from pbd.errors import PlanError, warn
 from pbd.pose import Array
 
 MEND_AFTER_STRAIGHT, MEND_AFTER_ONLY_STRAIGHT = 12, 36
@@ -45,8 +46,11 @@ def choose_motion(arm: ArmModel, request: MotionRequest, scene: CollisionScene |
     """Choose the joints at the keyframes and the segments between them; without a scene, collisions are ignored.
 
     Warns:
-        PbdWarning: the retreat is left out, the arm makes a detour, or the motion only keeps the margin CLOSE_M.
+        PbdWarning: the retreat is left out, the arm makes a detour, the motion only keeps the margin CLOSE_M, or no
+            detour is searched for since OMPL is not installed.
     """
+    no_ompl = request.detour and find_spec("ompl") is None
+    request = replace(request, detour=request.detour and not no_ompl)
     wide_cost = WIDE_COST if request.kind == STRAIGHT else 0.0
     mend_after = MEND_AFTER_STRAIGHT if request.detour else MEND_AFTER_ONLY_STRAIGHT
     try:
@@ -62,6 +66,8 @@ def choose_motion(arm: ArmModel, request: MotionRequest, scene: CollisionScene |
             search, found = close, closer
     if isinstance(found, Motion):
         warn_about_motion(found, search.retreat_hit)
+    elif no_ompl and found.why == COLLISION:
+        warn("no detour was searched for: the package ompl is not installed, as on a Python for which it has no build")
     return found
 
 

@@ -2,6 +2,7 @@
 
 import errno
 import os
+import re
 import signal
 import sys
 from collections.abc import Sequence
@@ -75,5 +76,7 @@ def _run(argv: Sequence[str] | None) -> int:
         package = (error.name or "pbd").partition(".")[0]
         if package == "pbd":
             raise  # a bug
-        say(f"the Python package {package} is missing or broken ({error}); install pbd-robot again")
+        library = re.match(r"(lib\S+)\.so\.(\d+): cannot open", str(error))
+        what = f"Debian's package {library[1].lower()}{library[2]}" if library else "pbd-robot again"
+        say(f"the Python package {package} is missing or broken ({error}); install {what}")
         return 1

@@ -23,6 +23,17 @@ def test_a_missing_package_is_one_line(monkeypatch: pytest.MonkeyPatch, capsys: 
     assert err.count("\n") == 1
 
 
+def test_a_library_that_the_system_lacks_is_named_by_its_package(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def missing(_: object) -> int:
+        raise ImportError("libgomp.so.1: cannot open shared object file: No such file or directory", name="pinocchio")
+
+    monkeypatch.setattr("pbd.cli.robots.run", missing)
+    assert main(["robots"]) == 1
+    assert capsys.readouterr().err.endswith("; install Debian's package libgomp1\n")
+
+
 def test_what_is_not_a_finite_number_is_null_in_json(capsys: pytest.CaptureFixture[str]) -> None:
     print_json({"a": float("nan"), "b": [1.5, float("inf"), {"c": (-float("inf"), "nan", True)}]})
     assert json.loads(capsys.readouterr().out) == {"a": None, "b": [1.5, None, {"c": [None, "nan", True]}]}
