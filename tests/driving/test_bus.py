@@ -180,7 +180,7 @@ def test_what_is_no_arm_is_refused(emulator: Emulator, wrong: object, says: str)
     assert callable(wrong)
     wrong(emulator)
     escaped = says if "\\" in says else says.replace("(", r"\(").replace(")", r"\)")
-    with Bus.open(emulator.device, 0.03) as bus, pytest.raises(SensorError, match=escaped):
+    with Bus.open(emulator.device, 0.2) as bus, pytest.raises(SensorError, match=escaped):
         connect(bus)
 
 
