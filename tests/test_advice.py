@@ -60,6 +60,7 @@ def test_options_that_do_not_work_either_are_not_named() -> None:
 
 def test_a_path_that_touches_something_may_be_left_where_that_helps() -> None:
     """A ball in the middle of the line, too thick to pass between the fingers; the arm can go around it."""
+    pytest.importorskip("ompl")
     ends, middle = [keyframe(0.0), keyframe(1.0, y=0.3)], Pose(np.array([0.45, 0.0, 0.25]), TURN)
     blocked = replace(dock(), obstacles=(Obstacle("the ball", "sphere", (0.1,), middle),))
     for options, advice in (

@@ -176,6 +176,7 @@ def test_a_collision_that_is_allowed_is_shown_marked_and_never_exported(capsys: 
 
 def test_a_line_is_followed_where_something_bars_the_way_back_alone(capsys: Capture, elsewhere: Path) -> None:
     """The held object would touch the post only on the way home. The moves stay lines; a warning names the detour."""
+    pytest.importorskip("ompl")
     (elsewhere / "c.toml").write_text(POST)
     run(capsys, "simulate", "pick-and-place-stops", "s")
     line = ("replay", "s", "--robot", "ur5", "--calibration", "c.toml", "--path", "line")

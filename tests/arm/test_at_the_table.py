@@ -78,6 +78,7 @@ def test_a_held_object_may_touch_its_support_at_the_last_keyframe() -> None:
 
 
 def test_a_detour_of_the_retreat_carries_the_object() -> None:
+    pytest.importorskip("ompl")
     wall = Obstacle("the wall", "box", (0.8, 0.02, 1.1), Pose.from_rpy((0.55, 0.22, 0.35), (0.0, 0.0, 0.0)))
     with pytest.warns(PbdWarning, match="^on its way back the arm goes around the wall"):
         plan = carried(wall, y=0.5)
