@@ -20,7 +20,7 @@ def say(message: str) -> None:
     print(f"pbd: {' '.join(message.split())}", file=sys.stderr)
 
 
-def print_json(result: dict[str, Any]) -> None:
+def print_json(result: Mapping[str, Any]) -> None:
     """Print the result as one JSON object; arrays become lists, and NaN and infinity become null."""
     print(json.dumps(_plain(result), allow_nan=False))
 

@@ -1,7 +1,6 @@
 """What every benchmark prints: on which machine, with which versions, and its figures as a table or as JSON."""
 
 import argparse
-import json
 import os
 import platform
 import time
@@ -10,6 +9,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+from pbd.cli.console import print_json
 from pbd.tracking.noise import Noise
 
 PACKAGES = ("numpy", "scipy", "pin", "ruckig", "meshcat")
@@ -54,7 +54,7 @@ def print_figures(figures: Mapping[str, Any], name: str = "") -> None:
 def finish(figures: Mapping[str, Any], as_json: bool) -> None:
     """Print the figures as asked."""
     if as_json:
-        print(json.dumps(figures))
+        print_json(figures)
     else:
         print_machine()
         print_figures(figures)

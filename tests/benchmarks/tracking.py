@@ -87,7 +87,8 @@ def score(data: Path, rates: tuple[str, ...]) -> dict[str, Any]:
         trials, motions, found = read_broad(file), {}, {}
         for rate in rates:
             try:
-                motions[rate], found[rate] = motion_of(trials[rate]), stop_scores(trials[rate])
+                motions[rate] = motion_of(trials[rate])
+                found[rate] = stop_scores(trials[rate])
             except PbdError as error:
                 refused[f"{file.stem} at {rate} Hz"] = error.message
         if not motions:
@@ -113,8 +114,9 @@ def score(data: Path, rates: tuple[str, ...]) -> dict[str, Any]:
                         z_scores[group].extend(window.z)
             z_scores[f"rotation.{kind}"].extend(turn_z_scores(trials[rate], motions[rate]))
         orientation[file.stem] = orientation_errors(trial, motion.path.wxyz)
-        stops[file.stem] = found[fastest] | {"rates_hz": {rate: {"f1": of["f1"]} for rate, of in found.items()}}
-        speeds.append(samples_per_s(trial.recording))
+        stops[file.stem] = found.get(fastest, {}) | {"rates_hz": {rate: {"f1": of["f1"]} for rate, of in found.items()}}
+        if fastest in found:
+            speeds.append(samples_per_s(trial.recording))
     windows: dict[str, Any] = {name: {} for name in SCORES}
     for (name, kind, seconds, rate), found_errors in sorted(errors.items()):
         windows[name].setdefault(kind, {}).setdefault(seconds, {})[rate] = spread(found_errors, "")
@@ -153,7 +155,7 @@ def score(data: Path, rates: tuple[str, ...]) -> dict[str, Any]:
         "walks": walks,
         "strides": strides,
         "strides_at_heel": at_heel,
-        "sigma": inside(z_scores.pop("all")) | {"groups": {group: inside(z) for group, z in z_scores.items()}},
+        "sigma": inside(z_scores.pop("all", [])) | {"groups": {group: inside(z) for group, z in z_scores.items()}},
         "samples_per_s": max(speeds),
         "refused": refused,
     }

@@ -142,6 +142,8 @@ def fit_lever(trial: Trial, windows: list[Window]) -> Array:
         if np.isfinite(effect).all():
             effects.append(effect)
             errors.append(window.error)
+    if not effects:
+        return np.zeros(3)
     lever: Array = np.linalg.lstsq(np.vstack(effects), -np.concatenate(errors))[0]
     return lever
 

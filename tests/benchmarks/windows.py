@@ -119,6 +119,8 @@ def window_errors(
     seen, found = seen_by_optics(trial), []
     for length in lengths:
         ends, joint = motion.windows[length]
+        if not ends:
+            continue
         rows = np.array(ends, dtype=np.intp).ravel()
         v_off = (v_true - v)[rows].ravel()
         once = np.unique(rows, return_index=True)[1]  # windows that meet share a velocity
