@@ -1,4 +1,6 @@
-"""How well real recordings are tracked: python tests/benchmarks/tracking.py [--data DIR] [--json] [--quick].
+"""How well real recordings are tracked.
+
+python tests/benchmarks/tracking.py [--data DIR] [--method paper] [--json] [--quick]
 
 Scores every file under DIR (broad/*.npz, walks/*.csv, strides/*.npz) against its optics, as the data folder's README
 says. Default DIR: PBD_DATA, or ../shared/data. --quick leaves out the rates between.
@@ -19,6 +21,8 @@ drawn from these with replacement (bootstrap). Of 19 to 49 windows the 95th perc
 
 `sigma` is the share of errors inside one and two of the tracker's own sigmas, of each axis: of all windows and strides,
 and by group: `at_sensor`, `alike` and `jointly` (of displacements), `rotation` (of attitudes at windows' ends).
+
+--method paper scores the paper's attitude, stops, and equations 2 to 6 from each window's first velocity.
 
 `refused` has the recordings that the tracker refuses, and why; the others are scored without them.
 """
@@ -42,9 +46,12 @@ from pbd.errors import PbdError, PbdWarning
 from pbd.files.importers import import_file
 from pbd.pipeline import track
 from pbd.pose import Array, quat_about_z, quat_inverse, quat_multiply, quat_to_matrix
+from pbd.tracking.first_rest import find_rest
+from pbd.tracking.paper import paper_acceleration, paper_attitude
+from pbd.tracking.repair.repair_recording import repair_recording
 from tests.benchmarks.report import add_data, arguments, finish
 from tests.benchmarks.trials import RATES, Trial, at_sensor, averaged, fit_lever, kind_of, read_broad
-from tests.benchmarks.windows import heading_off, motion_of, turn_z_scores, window_errors
+from tests.benchmarks.windows import heading_off, motion_of, paper_windows, turn_z_scores, window_errors
 
 HEEL_M, STRIDE_M = 0.15, 0.01
 """One sigma, m: how far the optics' heel is from the sensor along each axis, and of a stride's error besides."""
@@ -69,9 +76,11 @@ def main() -> None:
     """Score and print."""
     parser = arguments(str(__doc__))
     add_data(parser)
+    parser.add_argument("--method", choices=("default", "paper"), default="default")
     args = parser.parse_args()
     warnings.simplefilter("ignore", PbdWarning)
-    finish(score(args.data, ("286", "40") if args.quick else tuple(RATES)), args.json)
+    rates = ("286", "40") if args.quick else tuple(RATES)
+    finish((score_paper if args.method == "paper" else score)(args.data, rates), args.json)
 
 
 def score(data: Path, rates: tuple[str, ...]) -> dict[str, Any]:
@@ -161,6 +170,34 @@ def score(data: Path, rates: tuple[str, ...]) -> dict[str, Any]:
     }
 
 
+def score_paper(data: Path, rates: tuple[str, ...]) -> dict[str, Any]:
+    """The figures of BROAD's trials by the paper's method, which needs a compass, and has no sigma of its own."""
+    orientation: dict[str, Any] = {}
+    stops: dict[str, Any] = {}
+    refused: dict[str, str] = {}
+    errors: dict[tuple[str, str, str], list[float]] = defaultdict(list)
+    for file in sorted((data / "broad").glob("*.npz")):
+        trials = read_broad(file)
+        try:
+            for rate in rates:
+                trial = trials[rate]
+                recording, _ = repair_recording(trial.recording)
+                wxyz = paper_attitude(recording)
+                a_nav = paper_acceleration(recording, wxyz, find_rest(recording).gravity)
+                scores = stop_scores(trial, "paper")
+                orientation.setdefault(file.stem, orientation_errors(trial, wxyz))
+                stops.setdefault(file.stem, scores | {"rates_hz": {}})["rates_hz"][rate] = {"f1": scores["f1"]}
+                for window in paper_windows(trial, wxyz, a_nav):
+                    of = kind_of(file.stem), f"{window.length:g}", rate
+                    errors[of].append(100.0 * float(np.linalg.norm(window.error)))
+        except PbdError as error:
+            refused[file.stem] = error.message
+    windows: dict[str, Any] = {}
+    for (kind, seconds, rate), found in sorted(errors.items()):
+        windows.setdefault(kind, {}).setdefault(seconds, {})[rate] = spread(found, "")
+    return {"orientation": orientation, "windows": windows, "stops": stops, "refused": refused}
+
+
 def inside(z_scores: list[float]) -> dict[str, Any]:
     """How often the truth lies within the tracker's own one and two sigma, per axis."""
     z = np.abs(z_scores)
@@ -193,10 +230,10 @@ def orientation_errors(trial: Trial, wxyz: Array) -> dict[str, float]:
     return {key: float(np.degrees(np.sqrt(np.mean(values**2)))) for key, values in angles.items()}
 
 
-def stop_scores(trial: Trial) -> dict[str, float]:
+def stop_scores(trial: Trial, method: str = "default") -> dict[str, float]:
     """Still samples against not `moving`."""
     still = np.zeros(len(trial.recording), dtype=bool)
-    for stop in track(trial.recording).stops:
+    for stop in track(trial.recording, method).stops:
         still[stop.start : stop.stop] = True
     hits = float((still & ~trial.moving).sum())
     precision, recall = hits / still.sum(), hits / (~trial.moving).sum()

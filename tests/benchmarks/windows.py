@@ -141,6 +141,18 @@ def window_errors(
     return found
 
 
+def paper_windows(trial: Trial, wxyz: Array, a_nav: Array) -> list[Window]:
+    """All windows by the paper's equations 5 and 6, from the true velocity at their beginning; z is unknown."""
+    turn, steps, found = quat_about_z(heading_off(trial, wxyz)[0]), np.diff(trial.recording.t)[:, None], list[Window]()
+    p_true, v_true = quat_rotate(turn, trial.p_true), quat_rotate(turn, trial.v_true)
+    for length in WINDOWS_S:
+        for i, j in window_ends(trial, length):
+            v = v_true[i] + np.cumsum(a_nav[i + 1 : j + 1] * steps[i:j], axis=0)
+            error = (v * steps[i:j]).sum(axis=0) - (p_true[j] - p_true[i])
+            found.append(Window(i, j, length, error, np.full(3, np.nan)))
+    return found
+
+
 def turn_z_scores(trial: Trial, motion: Motion) -> list[float]:
     """The attitude's error at the windows' ends, but for the mean heading, in sigmas of each axis of nav."""
     turn = quat_about_z(-heading_off(trial, motion.path.wxyz)[0])
