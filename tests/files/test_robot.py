@@ -602,6 +602,7 @@ def test_a_fault_in_any_file_is_named(folder: Path, file: str, old: str, new: st
         ('<sphere radius="-0.1"/>', "radius = '-0.1' in the <sphere> of link 'hand' is smaller than 1e-06"),
         ('<box size="1 1 1e9"/>', "size = '1 1 1e9' in the <box> of link 'hand' is larger than 100"),
         ('<cylinder radius="0.1"/>', "a <cylinder> of link 'hand' has no length"),
+        ("<box/>", "a <box> of link 'hand' has no size"),
         ('<mesh scale="1 1 1"/>', "a <mesh> of link 'hand' has no filename; correct it"),
         (
             '<sphere radius="1"/></geometry></collision><visual><origin xyz="a b c"/><geometry><sphere radius="1"/>'
@@ -611,6 +612,11 @@ def test_a_fault_in_any_file_is_named(folder: Path, file: str, old: str, new: st
         (
             '<sphere radius="1"/></geometry></collision><inertial><mass value="1"/></inertial><collision><geometry>',
             "the <inertial> of link 'hand' lacks its <mass> or <inertia>",
+        ),
+        (
+            '<sphere radius="1"/></geometry></collision><inertial><mass value="1"/><inertia ixx="1"/></inertial>'
+            "<collision><geometry>",
+            "<inertia> of link 'hand' has no ixy",
         ),
         ("", "a <collision> of link 'hand' must hold one of box, cylinder, sphere, capsule, mesh, has (none)"),
     ],
