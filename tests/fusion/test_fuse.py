@@ -205,7 +205,7 @@ def test_takes_of_which_half_are_far_from_the_others_are_refused(
     """Each estimate finds another outlier."""
     monkeypatch.setattr("pbd.fusion.fuse.outlying_take", lambda *_: 0)
     with pytest.raises(TrackingError, match=r"half of the takes don't agree with the others \(take 1, take 2\);"):
-        pbd.fuse(takes[:3])
+        pbd.fuse(takes)
 
 
 def test_what_is_wrong_with_a_take_is_said_with_its_name(takes: list[Demonstration]) -> None:
@@ -391,6 +391,15 @@ def test_a_known_stop_that_contradicts_a_take_is_refused_only_where_it_is_asked(
     condition(refuse=False)
     with pytest.raises(TrackingError, match=r"take 1: demo.toml says that .* but it is .* off"):
         condition(refuse=True)
+
+
+def test_what_is_known_of_a_stop_holds_for_the_first_takes_place_in_the_hand(takes: list[Demonstration]) -> None:
+    keyframes = find_keyframes(track(takes[0].recording))
+    known = (Contact(keyframes[5].t, height=0.0, sigma_m=1e-5),)
+    take, lever = tracked_take(replace(takes[0], contacts=known), None, False), np.array((0.3, -0.2, 0.1))
+    marginal = condition_on_known_stops(take, take.marginal, np.eye(3), lever, None, refuse=False)
+    first = marginal.p - marginal.R @ lever
+    assert first[5, 2] - first[0, 2] == pytest.approx(0.0, abs=0.01)
 
 
 def test_keyframes_that_move_with_an_object_are_found(path: HandPath) -> None:

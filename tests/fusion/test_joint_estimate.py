@@ -66,6 +66,13 @@ def test_frames_levers_and_rotations_in_the_hand_are_found() -> None:
     np.testing.assert_allclose(found.Q, true.Q, atol=1e-3)
 
 
+def test_levers_are_held_near_zero_if_all_takes_hold_the_sensor_alike() -> None:
+    """Free up to a hand's width, they would fit the scatter, 3.6 mm rms."""
+    true = replace(truth(4), lever=np.zeros((4, 3)))
+    found = estimate_jointly(observations(true, np.array(3.0 * MM), MM), initial_state(true), common_scatter(6)).state
+    assert np.sqrt((found.lever[1:] ** 2).mean()) < 2.5 * MM
+
+
 def test_without_the_first_take_the_frame_stays() -> None:
     """A tracker less certain along one axis: nothing but the first take that is left keeps all from turning on."""
     true, uneven = truth(4), np.tile((1.0, 5.0, 1.0), 12)
