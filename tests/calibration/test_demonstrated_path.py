@@ -15,7 +15,7 @@ from pbd.calibration.dock import nav_in_base
 from pbd.calibration.tool_poses import KeyframesInBase, tool_poses
 from pbd.data import Calibration, HandPath, Keyframe, Stop
 from pbd.data.covariance import PoseCovariance
-from pbd.pose import Array, Pose, quat_exp, quat_rotate
+from pbd.pose import Array, Pose, quat_about_z, quat_exp, quat_rotate
 from pbd.tracking.keyframes import find_keyframes
 
 DOCK = Calibration(name="bench", T_base_dock=Pose.from_rpy((0.4, -0.1, 0.3), (0, 0, 0.5)))
@@ -77,15 +77,13 @@ def test_the_path_starts_and_ends_at_the_keyframes_even_if_they_were_moved() -> 
     assert steps.max() < 1.1 * 0.005  # no jump at the end
 
 
-def test_a_shift_of_both_ends_alike_shifts_the_whole_path() -> None:
+def test_a_shift_of_both_ends_alike_shifts_the_whole_path_and_turns_nothing() -> None:
     share = np.linspace(0.0, 1.0, 9)
-    p, wxyz, shift = (
-        np.outer(share, (0.1, 0.2, 0.0)),
-        np.tile((1.0, 0.0, 0.0, 0.0), (9, 1)),
-        np.array([0.0, 0.01, 0.02]),
-    )
+    p, wxyz, shift = np.outer(share, (0.1, 0.2, 0.0)), quat_about_z(share), np.array([0.0, 0.01, 0.02])
     ends = [Pose(p[i] + shift, wxyz[i]) for i in (0, -1)]
-    np.testing.assert_allclose(with_ends_at(share, p, wxyz, *ends)[0], p + shift, atol=1e-15)
+    shifted, turned = with_ends_at(share, p, wxyz, *ends)
+    np.testing.assert_allclose(shifted, p + shift, atol=1e-15)
+    np.testing.assert_allclose(turned, wxyz, atol=1e-15)
 
 
 @pytest.mark.parametrize("sigma_m", [0.001, 0.004, 0.1])

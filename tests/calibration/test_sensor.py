@@ -512,15 +512,19 @@ def test_a_corrected_recording_reads_gravity_no_rate_and_one_field(recording: Re
 
 
 def test_errors_that_are_not_fitted_are_kept(recording: Recording, calibrated: SensorFit) -> None:
-    known = calibrated.errors
+    """A matrix too, if it is surer than the new one."""
+    before = not_none(calibrated.errors.gyr)
+    known = replace(calibrated.errors, gyr=replace(before, matrix=np.eye(3), matrix_sigma=1e-6))
     again = calibrate_sensor(recording, only=("gyr",), known=known).errors
     assert again.acc is known.acc
     assert again.mag is known.mag
     assert again.gravity == known.gravity
-    assert again.gyr is not None
-    assert known.gyr is not None
-    assert_allclose(again.gyr.matrix, known.gyr.matrix)
-    assert_allclose(again.gyr.bias, known.gyr.bias)
+    assert_allclose(not_none(again.gyr).matrix, np.eye(3))
+    assert_allclose(not_none(again.gyr).bias, before.bias)
+
+
+def test_a_magnetometer_beside_an_uncalibrated_accelerometer_has_a_sigma(recording: Recording) -> None:
+    assert np.isfinite(not_none(calibrate_sensor(recording, only=("mag",)).errors.mag).bias_sigma).all()
 
 
 def test_a_missing_sensor_is_left_out_or_refused(recording: Recording) -> None:
