@@ -145,7 +145,7 @@ def _best_matches(p: Array, sigma: Array, points: Array, in_order: bool, free: b
 
 
 def _hypotheses(p: Array, sigma: Array, points: Array, in_order: bool, free: bool) -> Iterator[Pose]:
-    """Yield T_base_nav for each two stops and two points with the same horizontal distance and height difference.
+    """Yield T_base_nav for each two stops and two points with the same horizontal distance.
 
     If the tilt is `free`, they are three stops and three points with the same distances. The points are among six,
     evenly spaced in their order: two right ones suffice. Points within 3 cm of each other give no heading.
@@ -153,15 +153,13 @@ def _hypotheses(p: Array, sigma: Array, points: Array, in_order: bool, free: boo
     among = np.unique(np.linspace(0, len(points) - 1, 6).round().astype(int))
     chosen = np.array(list((combinations if in_order else permutations)(among, 2 + free)))
 
-    def sides(corners: Array) -> tuple[Array, Array]:
-        apart = corners - np.roll(corners, 1, axis=-2)
-        return lengths(apart[..., : 2 + free]), np.zeros(apart.shape[:-1]) if free else apart[..., 2]
+    def sides(corners: Array) -> Array:
+        return lengths((corners - np.roll(corners, 1, axis=-2))[..., : 2 + free])
 
-    apart, heights = sides(points[chosen])
+    apart = sides(points[chosen])
     for stops in combinations(range(len(p)), 2 + free):
         i = list(stops)
-        (moved, raised), tolerance = sides(p[i]), 3.0 * np.hypot(sigma[i], np.roll(sigma[i], 1))
-        close = np.maximum(np.abs(apart - moved), np.abs(heights - raised)) < tolerance
+        close = np.abs(apart - sides(p[i])) < 3.0 * np.hypot(sigma[i], np.roll(sigma[i], 1))
         for places in chosen[(close & (apart > 0.03)).all(axis=1)]:
             yield align(p[i], points[places], free)
 
