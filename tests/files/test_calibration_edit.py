@@ -61,6 +61,7 @@ def test_new_keys_come_before_the_comment_on_the_next_table(bench: Path) -> None
     update_calibration(bench, {"dock": pose_values(POSE, "in base", cov)})
     text = bench.read_text(encoding="utf-8")
     assert text.index("any_attitude") < text.index("sigma_m") < text.index("# about the shelf")
+    assert "sigma_m = [0.001, 0.002, 0.003] # one sigma of the position" in text
     found = read_calibration(bench).cov_base
     assert_allclose(not_none(found), cov, rtol=1e-3)
 

@@ -424,6 +424,12 @@ def test_a_fault_in_a_place_or_a_height_is_named_with_its_line(tmp_path: Path, k
 # --- names ------------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.parametrize("name", ["", "..", "~", "-f"])
+def test_what_can_be_no_demonstrations_name_is_refused(name: str) -> None:
+    with pytest.raises(RecordingError, match="can't be a demonstration's name"):
+        demo_folder(name)
+
+
 def record(name: str, created: str | None, is_bundled: bool = False) -> None:
     write_demo(replace(still(created=created), bundled=is_bundled), demo_folder(name))
 
