@@ -109,6 +109,12 @@ def test_a_fault_is_named_with_its_line_and_column(
     assert caught.value.fields == {"path": path, **fields}
 
 
+def test_a_line_of_units_counts_as_a_line(tmp_path: Path) -> None:
+    path = table_file(tmp_path, "t,ax,ay,az\ns,g,g,g\n0,1,2,3\n1,1,2,x\n")
+    with pytest.raises(RecordingError, match=r":4: 'x' in column 'az \(g\)' is not a number"):
+        open_sheet(path, foreign=True).read()
+
+
 def test_the_error_of_a_missing_column_lists_the_columns(tmp_path: Path) -> None:
     table = open_sheet(table_file(tmp_path, "t,ax\n0,1\n")).read()
     with pytest.raises(RecordingError, match=r"no column 'ay'; the columns are t, ax$") as caught:
