@@ -341,6 +341,14 @@ def test_a_refusal_gives_the_number_of_checks_of_detours(monkeypatch: pytest.Mon
     assert 50 <= checks < 60
 
 
+@pytest.mark.filterwarnings("ignore:[a-z0-9 ]* the arm goes around the lintel")
+def test_a_detour_from_any_configuration_to_any_other_is_made_where_the_nearest_pairs_have_none() -> None:
+    _, obstacles, poses = made("panda", "gap", 9)
+    motion = chosen(poses, obstacles, q_retreat=HOME)
+    assert kinds(motion) == [STRAIGHT, DETOUR]
+    assert not_none(motion.retreat).kind == DETOUR
+
+
 def test_a_detour_may_turn_a_joint_by_the_larger_angle() -> None:
     """The shorter turn of the base leads nowhere: the nearest configurations have no detour."""
     arm, obstacles, poses = made("ur5", "bin", 4)

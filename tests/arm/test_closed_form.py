@@ -46,6 +46,18 @@ def test_a_base_may_stand_beside_the_first_axis(name: str) -> None:
         assert bool(branches) == (name == "panda")
 
 
+@pytest.mark.parametrize(("name", "joint"), [("kinova", 3), ("ur5", 3), ("ur5", 4)])
+def test_parallel_axes_may_point_in_opposite_directions(name: str, joint: int) -> None:
+    arm, other, half = arm_of(name), load_model(arm_of(name).robot), pin.SE3(np.diag([1.0, -1.0, -1.0]), np.zeros(3))
+    other.model.jointPlacements[joint] *= half
+    other.model.jointPlacements[joint + 1] = half * other.model.jointPlacements[joint + 1]
+    for truth in random_joints(arm.robot, 5, seed=13):
+        pose = arm.forward(truth)
+        found = closed_form(other, to_se3(pose))
+        assert len(found)
+        assert max(max(pose.distance(other.forward(q))) for q in found) < 1e-4
+
+
 @pytest.mark.parametrize(("name", "joint"), [("kinova", 3), ("ur5", 4), ("ur5", 6), ("panda", 2), ("panda", 6)])
 def test_a_bent_arm_has_no_closed_form_but_is_solved(name: str, joint: int) -> None:
     """Axes that were parallel or met no longer do."""

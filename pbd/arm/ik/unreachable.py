@@ -47,9 +47,7 @@ def find_reason(arm: ArmModel, T_base_tool: Pose, nearest: IkResult) -> Unreache
     goal = to_se3(T_base_tool)
     residual = Residual(arm, goal)
     q_least, beyond = nearest.q, np.inf
-    # `solve` already brings an arm with too few joints to the nearest position.
-    others = () if nearest.partial else starts_of(arm).at(T_base_tool.p, _STARTS)
-    for q_seed in (nearest.q, *others):
+    for q_seed in (nearest.q, *starts_of(arm).at(T_base_tool.p, _STARTS)):
         q = nearest_position(arm, goal, q_seed)
         off = float(np.linalg.norm(T_base_tool.p - arm.forward(q).p))
         if off < beyond:

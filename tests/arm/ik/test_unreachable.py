@@ -38,6 +38,13 @@ def test_the_distance_beyond_reach_is_that_of_the_nearest_position(name: str) ->
         assert str(found).startswith(f"{100 * found.beyond_m:.1f} cm beyond the arm's reach")
 
 
+def test_only_the_angle_is_out_of_reach_where_the_tool_gets_in_other_ways_than_the_nearest_pose() -> None:
+    """From the joints that come nearest to position and rotation no descent leads to the position alone."""
+    arm = arm_of("z1")
+    pose = Pose.from_rpy((0.4, 0.0, 0.2), (0.0, 0.0, np.pi))
+    assert "reachable, but not with the tool at this angle" in str(hindrance(arm, pose))
+
+
 @pytest.mark.parametrize(("z", "advice"), [(1.0, "lower,"), (-0.7, "higher,"), (0.3, ",")])
 def test_the_way_that_the_dock_must_move(arm: ArmModel, z: float, advice: str) -> None:
     pose = Pose.from_rpy((0.45 if advice != "," else 1.2, 0.0, z), DOWN)
