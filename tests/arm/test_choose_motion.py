@@ -405,6 +405,17 @@ def test_a_line_is_made_instead_of_a_wide_move_where_nothing_is_in_the_way() -> 
     assert np.linalg.norm(beside, axis=1).max() < 1e-3
 
 
+def test_a_joint_that_a_direct_move_would_lead_beyond_its_limit_starts_a_whole_turn_away() -> None:
+    """An ur10 turns its tool by 450 degrees, and goes out of its way nowhere."""
+    arm = arm_of("ur10")
+    home = arm.forward(arm.robot.home)
+    turns = [Pose.from_rpy(np.zeros(3), (0.0, 0.0, 0.5 * np.pi * i)) for i in range(6)]
+    poses = [Pose(home.p - np.array([0.0, 0.0, 0.1]), (turn @ home).wxyz) for turn in turns]
+    found = choose_motion(arm, MotionRequest(poses, arm.robot.home), None)
+    assert isinstance(found, Motion)
+    assert all(segment.wide is None for segment in found.segments)
+
+
 @pytest.mark.filterwarnings("ignore:from 0 to 1 the arm goes around the wall")
 @pytest.mark.parametrize(("size", "around"), [((0.3, 0.03, 0.4), True), ((0.6, 0.03, 0.6), False)])
 def test_a_detour_is_made_instead_of_a_wide_move_if_it_is_shorter(size: tuple[float, ...], around: bool) -> None:
