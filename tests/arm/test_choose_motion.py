@@ -341,6 +341,12 @@ def test_a_refusal_gives_the_number_of_checks_of_detours(monkeypatch: pytest.Mon
     assert 50 <= checks < 60
 
 
+@pytest.mark.filterwarnings("ignore:the only motion found keeps a clearance of 0.5 mm")
+def test_a_barred_move_may_need_other_configurations_at_the_keyframe_before() -> None:
+    _, obstacles, poses = made("panda", "clutter", 6)
+    assert isinstance(asked(poses, obstacles, detour=False)[0], Motion)
+
+
 @pytest.mark.filterwarnings("ignore:[a-z0-9 ]* the arm goes around the lintel")
 def test_a_detour_from_any_configuration_to_any_other_is_made_where_the_nearest_pairs_have_none() -> None:
     _, obstacles, poses = made("panda", "gap", 9)
