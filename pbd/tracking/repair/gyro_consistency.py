@@ -241,7 +241,7 @@ def _pairs(rows: NDArray[np.intp], rate_hz: float) -> tuple[NDArray[np.intp], ND
 def _evenly_spaced(recording: Recording) -> Recording:
     """The next sample at each of evenly spaced times: where the rate is lower, or some are lost, each lasts longer."""
     interval = 1.0 / recording.rate_hz
-    even = np.arange(recording.t[0], recording.t[-1] + 0.5 * interval, interval)
+    even = np.arange(recording.t[0], recording.t[-1], interval)
     rows = np.minimum(np.searchsorted(recording.t, even - 0.5 * interval), len(recording) - 1)
     channels: dict[str, Any] = {name: np.asfortranarray(values[rows]) for name, values in recording.channels.items()}
     return replace(recording, t=even, **channels)

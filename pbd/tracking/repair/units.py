@@ -66,7 +66,7 @@ def _refuse_field_unit(mag: Array, source: SourceColumns) -> None:
 
 def _refuse_gyro_counts(gyr: Array, acc: Array, source: SourceColumns) -> None:
     """Refuse a gyro (n, 3) of whole numbers that are too large for rad/s, if its unit was assumed."""
-    largest = float(np.abs(gyr, where=np.isfinite(gyr), out=np.zeros_like(gyr)).max(initial=0.0))
+    largest = float(np.abs(gyr, where=np.isfinite(gyr), out=np.zeros_like(gyr)).max())
     if not largest > FASTEST_GYRO or not _is_assumed(source, "gyr") or not _is_whole(gyr):
         return
     also = ""
