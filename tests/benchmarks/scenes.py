@@ -42,8 +42,8 @@ SEEDS, QUICK_SEEDS = 16, 1
 """Scenes of each kind for each arm."""
 SEARCH_S, QUICK_SEARCH_S = 60.0, 1.0
 """How long the search takes where the planner found no way, s."""
-SAMPLE, SEARCHES, SHORT_S = 8, 5, 10.0
-"""Solved scenes that are searched too, how often, and for how long each time, s."""
+SAMPLE, QUICK_SAMPLE, SEARCHES, SHORT_S = 8, 1, 5, 10.0
+"""Solved scenes that are searched too, how often, and for how long each time, s; `--quick` takes QUICK_SEARCH_S."""
 
 
 @dataclass
@@ -78,13 +78,15 @@ def main() -> None:
     parser.add_argument(
         "--search", type=float, metavar="S", help=f"s of the search for what is unsolved ({SEARCH_S:g})"
     )
-    parser.add_argument("--sample", type=int, default=SAMPLE, metavar="N", help="solved scenes that are searched too")
-    parser.add_argument("--short", type=float, default=SHORT_S, metavar="S", help="s of each of their five searches")
+    parser.add_argument("--sample", type=int, metavar="N", help=f"solved scenes that are searched too ({SAMPLE})")
+    parser.add_argument("--short", type=float, metavar="S", help=f"s of each of their five searches ({SHORT_S:g})")
     parser.add_argument("--resume", type=Path, metavar="FILE", help="keep what was found here, and go on from it")
     args = parser.parse_args()
     warnings.simplefilter("ignore")
     seeds = args.seeds or (QUICK_SEEDS if args.quick else SEEDS)
     search_s = (QUICK_SEARCH_S if args.quick else SEARCH_S) if args.search is None else args.search
+    sample = (QUICK_SAMPLE if args.quick else SAMPLE) if args.sample is None else args.sample
+    short_s = (QUICK_SEARCH_S if args.quick else SHORT_S) if args.short is None else args.short
     asked = [(name, kind, seed) for seed in range(args.first, args.first + seeds) for name in ARMS for kind in KINDS]
     known = read(args.resume)
     for key in asked:
@@ -92,10 +94,10 @@ def main() -> None:
             note(known, tell(*key), args.resume)
     missed = [key for key in asked if known[key].travel is None] if search_s else []
     solved = [key for key in asked if known[key].travel is not None]
-    chosen = np.random.default_rng(1).permutation(len(solved))[: args.sample]
+    chosen = np.random.default_rng(1).permutation(len(solved))[:sample]
     for key in [*missed, *(solved[i] for i in chosen)]:
         if not known[key].searched:
-            note(known, look_longer(known[key], search_s, args.short), args.resume)
+            note(known, look_longer(known[key], search_s, short_s), args.resume)
     tried = [known[key] for key in asked]
     kinds = {kind: figures([told for told in tried if told.kind == kind]) for kind in KINDS}
     arms = {name: figures([told for told in tried if told.arm == name]) for name in ARMS}
