@@ -16,8 +16,9 @@ from pbd.tracking.smoother.state import Fixed, State
 UNDOUBTED_SIGMAS = 2.0
 """An annealing step is skipped if no knot in a stop is faster than this many sigmas of the next step."""
 
-CONVERGED_RAD, MAX_ITERATIONS = 3e-4, 12
-"""Iteration ends when a step rotates no knot by more than CONVERGED_RAD (rad per axis), or after MAX_ITERATIONS."""
+CONVERGED_RAD, CONVERGED_SIGMAS, MAX_ITERATIONS = 3e-4, 0.05, 12
+"""Iteration ends when a step rotates no knot by more than CONVERGED_RAD (rad per axis), or changes nothing by more than
+CONVERGED_SIGMAS of its sigmas (a heading that nothing determines), or after MAX_ITERATIONS."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,8 +31,9 @@ class Descent:
 
     @property
     def converged(self) -> bool:
-        """Whether the step rotates no knot by more than CONVERGED_RAD."""
-        return bool(np.abs(self.solved.d[:, :3]).max() < CONVERGED_RAD)
+        """Whether the step is small: see CONVERGED_RAD."""
+        small = np.abs(self.solved.d[:, :3]).max() < CONVERGED_RAD
+        return bool(small) or self.solved.decrement < CONVERGED_SIGMAS
 
     @cached_property
     def x(self) -> State:

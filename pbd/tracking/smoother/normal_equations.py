@@ -154,6 +154,12 @@ class Solved:
         step: Array = d.reshape(self.scale.shape) * self.scale
         return step
 
+    @cached_property
+    def decrement(self) -> float:
+        """Newton's decrement: no function of the unknowns changes in this step by more than so many of its sigmas."""
+        schur = self.corner - (self.half.T @ self.half)[:-1]
+        return float(np.sqrt(np.square(self.half[:, -1]).sum() - self.d_shared @ schur[:, -1]))
+
     def plus(self, corner: Array) -> Solved:
         """The solution with more information and gradient (s, s + 1) on the shared unknowns."""
         return Solved.at_corner(self.cholesky, self.scale, self.half, self.corner + corner)

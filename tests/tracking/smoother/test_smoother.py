@@ -40,12 +40,13 @@ from pbd.tracking.smoother.factors import (
     robust_weights,
     whitener,
 )
+from pbd.tracking.smoother.gauss_newton import Descent
 from pbd.tracking.smoother.knots import Problem, _fix_sway, _turn_sigma, row_noise
 from pbd.tracking.smoother.large_errors import _large_lag_and_scale
 from pbd.tracking.smoother.normal_equations import BAND, STATE, STATE_ACC_BIAS, STATE_GYR_BIAS, NormalEquations, Solved
 from pbd.tracking.smoother.preintegration import ACC_MATRIX, ERRORS, GYR_MATRIX, LAG, POS, ROT, VEL, GyroFrame, Legs
 from pbd.tracking.smoother.smooth import _initial_state
-from pbd.tracking.smoother.state import SHARED, SHARED_PIVOT, lower_matrix
+from pbd.tracking.smoother.state import SHARED, SHARED_PIVOT, State, lower_matrix
 from tests.benchmarks.trials import with_drift
 from tests.not_none import not_none
 from tests.scenarios import simulate
@@ -288,6 +289,7 @@ def test_normal_equations_are_solved_as_dense_ones(monkeypatch: pytest.MonkeyPat
     covariance, solved = np.linalg.inv(dense), equations.solve()
     step = np.concatenate((solved.d.ravel(), solved.d_shared))
     assert step == pytest.approx(-covariance @ gradient, rel=1e-8, abs=1e-10)
+    assert solved.decrement == pytest.approx(np.sqrt(gradient @ covariance @ gradient), rel=1e-8)
     assert solved.shared == pytest.approx(covariance[n:, n:], rel=1e-8, abs=1e-12)
     right = rng.normal(size=(m, STATE, 2))
     assert solved.covariance_times(right).reshape(n, 2) == pytest.approx(
@@ -316,6 +318,15 @@ def revised_at_100_hz(v: Array, candidate: tuple[int, int]) -> Spans:
     frame, legs = SimpleNamespace(t=0.01 * np.arange(100.0)), SimpleNamespace(parts=np.zeros((3, 2, 9, 9)))
     problem = cast(Problem, SimpleNamespace(frame=frame, legs=legs, rows=np.array([0, 50, 99])))
     return revised_stops(problem, v, cast(Solved, None), [candidate], np.array([False]), np.full(100, 5e-3))
+
+
+@pytest.mark.parametrize(("rad", "sigmas", "last"), [(1e-3, 0.1, False), (1e-3, 0.01, True), (1e-4, 1.0, True)])
+def test_a_step_that_turns_little_or_is_small_beside_its_sigma_is_the_last(
+    rad: float, sigmas: float, last: bool
+) -> None:
+    """A heading that nothing determines may settle slowly, but by less than matters."""
+    solved = SimpleNamespace(d=np.full((2, STATE), rad), decrement=sigmas)
+    assert Descent(cast(State, None), np.ones(2), cast(Solved, solved)).converged is last
 
 
 def test_a_stop_begins_where_the_hand_arrives_and_ends_where_it_leaves() -> None:
