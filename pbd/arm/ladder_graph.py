@@ -52,7 +52,8 @@ class Layer:
         q: (m, k) rad.
         cost: (m,) cost of each state, in rad of joint travel; infinite for a state that is not free.
         mend_after: number of barred moves after which the layer is returned for mending.
-        costly: moves to it are checked last, once all other moves on the path are free, and up to the first barred one.
+        costly: moves to it are checked last, once all other moves on the path are free.
+        in_order: a move to it is checked only if no earlier move on the path was barred in the same pass.
         most_step: rad, largest motion of a joint on a move to this layer.
         unchecked_cost: rad, extra cost of an unchecked move.
         wide_cost: rad, extra cost of a move on which a joint moves by more than half a turn.
@@ -67,6 +68,7 @@ class Layer:
     mend_after: int
     most_step: float = np.inf
     costly: bool = False
+    in_order: bool = False
     wide_cost: float = 0.0
     unchecked_cost: float = UNCHECKED_COST
     length: Array = field(init=False)
@@ -150,10 +152,19 @@ class Ladder:
                 self._link(at)
         self._discard_totals(place)
 
-    def reset_moves(self, place: int, mend_after: int, *, costly: bool, unchecked_cost: float = UNCHECKED_COST) -> None:
+    def reset_moves(
+        self,
+        place: int,
+        mend_after: int,
+        *,
+        costly: bool,
+        in_order: bool = False,
+        unchecked_cost: float = UNCHECKED_COST,
+    ) -> None:
         """Mark the moves to a layer as unchecked, since they are made in another way from now on."""
         layer = self.layers[place]
-        layer.mend_after, layer.costly, layer.unchecked_cost = mend_after, costly, unchecked_cost
+        layer.mend_after, layer.costly = mend_after, costly
+        layer.in_order, layer.unchecked_cost = in_order, unchecked_cost
         self._link(place, anew=True)
         self._discard_totals(place)
 
@@ -267,7 +278,7 @@ class Ladder:
         barred, first = False, len(path)
         for place in range(self.first + 1, self.end):
             layer, state, following = self.layers[place], path[place - 1], path[place]
-            if layer.move_checked[state, following] or layer.costly != costly or (costly and barred):
+            if layer.move_checked[state, following] or layer.costly != costly or (layer.in_order and barred):
                 continue
             layer.move_checked[state, following], unchecked_cost = True, layer.unchecked_cost
             cost = moves(place, self.layers[place - 1].q[state], layer.q[following])

@@ -40,7 +40,7 @@ class Mending(LinkChecks):
         self.moves[i].detour = True
         self.ladder.drop(places[0], places[-1])
         self.links[places[0] - 1 : places[-1]] = [Link(i)]
-        self.ladder.reset_moves(places[0], MEND_AFTER_COSTLY, costly=True, unchecked_cost=DETOUR_EXTRA)
+        self.ladder.reset_moves(places[0], MEND_AFTER_COSTLY, costly=True, in_order=True, unchecked_cost=DETOUR_EXTRA)
 
     def _widen(self, i: int) -> None:
         """Add configurations at all layers of the move to keyframe i.
