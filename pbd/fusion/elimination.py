@@ -5,6 +5,7 @@ A take's own unknowns are in its residuals only, a device's errors in those of i
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,7 +43,7 @@ class Precision:
     parts: Sequence[Part]
     low: Array
 
-    @property
+    @cached_property
     def blocks(self) -> list[Array]:
         """The block of each take's residuals."""
         low = [self.low[part.rows] for part in self.parts]
