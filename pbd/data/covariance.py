@@ -93,8 +93,9 @@ def one_sigma(cov: Array) -> Array:
 def keyframe_sigmas(covs: Sequence[Array]) -> Array:
     """One sigma (k, 6) m and rad at keyframes, NaN where unknown.
 
-    The position of the first keyframe has sigma zero: it is nav's origin.
+    The position of the first keyframe has sigma zero, and so has its heading where its tilt has a sigma: they fix nav.
     """
     sigma = np.array([one_sigma(cov) for cov in covs]).reshape(-1, 6)
-    sigma[:1, :3] = np.nan_to_num(sigma[:1, :3])
+    exact = 6 if np.isfinite(sigma[:1, 3:]).any() else 3
+    sigma[:1, :exact] = np.nan_to_num(sigma[:1, :exact])
     return sigma

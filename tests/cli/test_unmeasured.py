@@ -56,7 +56,7 @@ def test_a_keyframe_that_a_person_typed_has_no_sigma(capsys: Capture, monkeypatc
 
     rows = json.loads(run(capsys, "keyframes", "tea", "--calibration", "default", "--json")[0])["keyframes"]
     assert (rows[1]["sigma_m"], rows[1]["sigma_deg"]) == ([None] * 3, [None] * 3)
-    assert rows[0]["sigma_m"] == [0.0] * 3  # nav's origin is there
+    assert (rows[0]["sigma_m"], rows[0]["sigma_deg"][2]) == ([0.0] * 3, 0.0)  # nav's origin and heading are fixed there
     assert [row["base_sigma_parts_m"]["tracking"] is None for row in rows] == [k == 1 for k in range(len(rows))]
     assert {row["base_sigma_parts_m"]["mount"] for row in rows} == {None}  # it was never calibrated
     table = run(capsys, "keyframes", "tea", "--csv")[0].splitlines()
