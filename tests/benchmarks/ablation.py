@@ -15,7 +15,6 @@ One part at a time is taken out: a parameter set to where it does nothing, or a 
 The last row shows how much of the windows' error is the reference's own: the optics know velocity from positions only.
 """
 
-import json
 import sys
 import warnings
 from collections import defaultdict
@@ -32,6 +31,7 @@ sys.path.insert(0, str(Path(__file__).parents[2]))
 import numpy as np
 
 from pbd import track_alone
+from pbd.cli.console import print_json
 from pbd.data import Demonstration, Recording, SensorErrors
 from pbd.errors import PbdError, PbdWarning
 from pbd.files.importers import import_file
@@ -199,7 +199,7 @@ def main() -> None:
         if not args.json:
             print_row(name, rows)
     if args.json:
-        print(json.dumps(rows))
+        print_json(rows)
 
 
 def print_row(name: str, rows: dict[str, dict[str, float]]) -> None:
@@ -213,10 +213,16 @@ def print_row(name: str, rows: dict[str, dict[str, float]]) -> None:
 
 
 @cache
-def lever(file: Path) -> Array:
-    """From the markers to the sensor, (3,) m, by the tracker as it is: first of all, before anything is taken out."""
+def lever(file: Path) -> Array | None:
+    """From the markers to the sensor, (3,) m, by the tracker as it is: first of all, before anything is taken out.
+
+    None of a trial that it refuses.
+    """
     trial = read_broad(file)["40"]
-    return fit_lever(trial, window_errors(trial, motion_of(trial, (1.0,)), (1.0,)))
+    try:
+        return fit_lever(trial, window_errors(trial, motion_of(trial, (1.0,)), (1.0,)))
+    except PbdError:
+        return None
 
 
 def real(data: Path) -> dict[str, float]:
@@ -225,17 +231,21 @@ def real(data: Path) -> dict[str, float]:
     z_scores: list[float] = []
     iron, drift, taps = 0.0, 0.0, 0.0
     for file in sorted((data / "broad").glob("*.npz")):
-        at_rates = read_broad(file)
+        offset, at_rates = lever(file), read_broad(file)
+        if offset is None:
+            continue
         trial, fast = at_rates["40"], at_rates["286"]
         taps = max(taps, attitude_error(fast, with_taps(fast.recording)))
-        for window in window_errors(at_sensor(trial, lever(file)), motion_of(trial)):
+        for window in window_errors(at_sensor(trial, offset), motion_of(trial)):
             errors[kind_of(file.stem), window.length].append(100.0 * float(np.linalg.norm(window.error)))
             z_scores.extend(window.z)
         for seed in range(3):
-            iron = max(iron, attitude_error(trial, with_hard_iron(trial.recording, seed)))
+            if trial.recording.mag is not None:
+                iron = max(iron, attitude_error(trial, with_hard_iron(trial.recording, seed)))
             drift = max(drift, attitude_error(trial, with_drift(trial.recording, 1.0, seed)))
-    found = {name: float(np.percentile(errors[window], percent)) for name, window, percent in COLUMNS}
-    strides = stride_errors(import_file(next(iter((data / "strides").glob("*.npz")))))[2]
+    found = {name: float(np.percentile(errors[window] or [np.nan], percent)) for name, window, percent in COLUMNS}
+    files = sorted((data / "strides").glob("*.npz"))
+    strides = [error for file in files for error in stride_errors(import_file(file))[2]]
     return found | {
         "inside": inside(z_scores)["inside_1_sigma"],
         "at the heel p95": float(np.percentile(strides, 95)) if strides else np.inf,

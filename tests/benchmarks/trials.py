@@ -162,8 +162,8 @@ def phases(moving: NDArray[np.bool_]) -> list[tuple[int, int]]:
 
 
 def filled(values: Array) -> Array:
-    """Interpolate over what is unknown, component by component: (n, 3)."""
-    rows = np.arange(len(values))
+    """Interpolate over what is unknown, component by component: (n, 3). Where all is unknown, it is zero."""
+    rows, values = np.arange(len(values)), values if np.isfinite(values).any() else np.zeros_like(values)
     return np.column_stack([np.interp(rows, rows[np.isfinite(c)], c[np.isfinite(c)]) for c in values.T])
 
 

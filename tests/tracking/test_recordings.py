@@ -98,3 +98,17 @@ def test_strides_are_found_though_the_foot_never_rests_for_a_second(data_folder:
         track(each) for each in (demo.recording, replace(demo.recording, t=demo.recording.t[walking], **rows))
     )
     assert len(cut.stops) == sum(bool(whole.t[stop.stop - 1] < 34.0) for stop in whole.stops)
+
+
+def test_a_trial_that_the_optics_never_saw_is_read(tmp_path: Path) -> None:
+    n = 2000
+    np.savez(
+        tmp_path / "blind.npz",
+        rate_hz=286.0,
+        acc=np.tile([0.0, 0.0, GRAVITY], (n, 1)),
+        gyr=np.zeros((n, 3)),
+        true_position=np.full((n, 3), np.nan),
+        true_wxyz=np.tile([1.0, 0.0, 0.0, 0.0], (n, 1)),
+        moving=np.zeros(n),
+    )
+    assert all(np.isnan(trial.v_true).all() for trial in read_broad(tmp_path / "blind.npz").values())
