@@ -157,8 +157,9 @@ def mark_events(ax: Axes, demo: DemoValues, numbers: bool = False) -> None:
     spans = [(begin, end - begin) for finding in demo.findings for begin, end in finding.spans]
     ax.broken_barh(spans, (0.0, 1.0), transform=low_to_high, zorder=0.1, **FINDING_LOOK)
     for event in demo.path.grip:
-        ax.axvline(event.t, color=ORANGE, linewidth=1.0, linestyle="--", zorder=1.5)
-        ax.plot(event.t, 1.0, transform=low_to_high, clip_on=False, zorder=3.0, **_grip(event.closed))
+        at = min(max(event.t, t[0]), t[-1])  # one far from the recording would leave the axes no room
+        ax.axvline(at, color=ORANGE, linewidth=1.0, linestyle="--", zorder=1.5)
+        ax.plot(at, 1.0, transform=low_to_high, clip_on=False, zorder=3.0, **_grip(event.closed))
     margin = 0.005 * max(float(t[-1] - t[0]), 1e-3)
     ax.set_xlim(float(t[0]) - margin, float(t[-1]) + margin)
     if numbers:

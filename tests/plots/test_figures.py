@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d.axes3d import Axes3D
 
 import pbd.plots
+from pbd.data import GripEvent
 from pbd.pipeline import track
 from pbd.plots import figures
 from pbd.plots.demo_values import DemoValues, demo_values
@@ -189,6 +190,13 @@ def test_figures_are_legible(sheets: dict[str, tuple[Figure, list[Drawn]]]) -> N
 @pytest.mark.parametrize("name", ["summary", "path", "view-yz"])
 def test_a_single_stop_is_legible(still: DemoValues, name: str) -> None:
     assert overlaps(figures.draw(name, still)) == []
+
+
+@pytest.mark.filterwarnings("ignore:the grip closed at:pbd.errors.PbdWarning")
+def test_a_grip_far_from_the_recording_leaves_the_axes_their_room() -> None:
+    """Without room Matplotlib gives a warning, which would be an error here."""
+    recording = pour().recording
+    figures.draw("summary", demo_values(track(replace(recording, grip=(GripEvent(1000.0, True),)))))
 
 
 def test_the_summarys_legend_names_the_truth_where_there_is_one(pouring: DemoValues, still: DemoValues) -> None:
