@@ -43,12 +43,13 @@ def test_segments_json(capsys: Capture) -> None:
 def test_replay_json(capsys: Capture, elsewhere: Path) -> None:
     result = run_json(capsys, "replay", "--robot", "panda", "--html", "page.html")
     promised = {"demo", "robot", "keyframes", "duration_s", "ik", "limits", "warnings", "html"}
-    assert set(result) == promised | {"scale", "moves", "stretched", "off_deg", "collision"}
+    assert set(result) == promised | {"scale", "dock_tilt_deg", "moves", "stretched", "off_deg", "collision"}
     assert (result["demo"], result["robot"], result["keyframes"]) == ("pouring", "panda", 11)
     assert result["ik"]["max_position_error_m"] < 1e-5
     assert result["ik"]["max_rotation_error_rad"] < 1e-5
     assert all(0.5 < result["limits"][key] <= 1.0 for key in ("velocity", "acceleration", "jerk"))
     assert result["warnings"] == []
+    assert result["dock_tilt_deg"] == pytest.approx(np.hypot(0.045, 0.020), abs=0.001)  # roll and pitch at keyframe 0
     assert (elsewhere / result["html"]).stat().st_size < 5e6
 
 

@@ -1,8 +1,10 @@
 """Describes a plan's moves, torques and contacts, for people and as JSON."""
 
+import math
 from dataclasses import replace
 from typing import Any
 
+from pbd.calibration.dock import dock_tilt
 from pbd.cli.console import working
 from pbd.data import Load
 from pbd.planning import Plan, can_plan
@@ -59,8 +61,11 @@ def torque_remark(plan: Plan) -> str:
 
 def plan_json(plan: Plan) -> dict[str, Any]:
     """Return what every command that plans says of the plan."""
-    duration_s = plan.trajectory.duration
-    return {"demo": plan.name, "robot": plan.robot.name, "duration_s": duration_s, "scale": plan.scale}
+    duration_s, dock, tilt_deg = plan.trajectory.duration, plan.calibration.T_base_dock, None
+    if dock is not None and not plan.calibration.any_attitude:
+        tilt_deg = math.degrees(dock_tilt(dock, plan.keyframes[0].T_nav_sensor.wxyz))
+    named = {"demo": plan.name, "robot": plan.robot.name, "duration_s": duration_s, "scale": plan.scale}
+    return {**named, "dock_tilt_deg": tilt_deg}
 
 
 def moves_json(plan: Plan) -> list[dict[str, Any]]:
