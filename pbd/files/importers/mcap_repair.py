@@ -17,8 +17,8 @@ MCAP_MAGIC = b"\x89MCAP0\r\n"
 MCAP_FOOTER = b"\x02" + struct.pack("<Q", 20) + bytes(20) + MCAP_MAGIC
 """The end of an MCAP file without an index (mcap.dev/spec)."""
 
-FOOTER, CHUNK, CHUNK_HEAD = 2, 6, struct.Struct("<QQQII")
-"""Types of two records, and the fixed beginning of a chunk."""
+CHUNK, CHUNK_HEAD = 6, struct.Struct("<QQQII")
+"""The type of a chunk, and its fixed beginning."""
 
 
 @contextmanager
@@ -97,8 +97,6 @@ def _complete_records(path: Path, data: mmap.mmap | bytes, at: int = len(MCAP_MA
         if at + 9 + size > len(data):
             break
         at += 9 + size
-        if kind == FOOTER:
-            break
     return [slice(begin, at)], at
 
 
