@@ -48,6 +48,7 @@ def test_npz(tmp_path: Path) -> None:
 def test_npz_with_only_the_required_arrays(tmp_path: Path) -> None:
     demo = import_arrays(tmp_path, rate_hz=100.0, acc=np.ones((3, 3)))
     assert (demo.recording.gyr, demo.recording.mag, demo.truth) == (None, None, None)
+    assert [column.ours for column in demo.recording.info.source.columns] == ["ax", "ay", "az"]
 
 
 def test_npz_whose_truth_has_a_rate_of_its_own(tmp_path: Path) -> None:
