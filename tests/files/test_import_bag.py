@@ -183,6 +183,8 @@ def test_the_devices_own_attitude_is_read_in_batches(
     same = np.einsum("ij,ij->i", quat_from_rpy(read.device_rpy), wxyz)
     assert_allclose(np.abs(np.delete(same, 3)), 1.0, atol=1e-12)
     assert_same(replace(read, device_rpy=None), recording)
+    wxyz[:] = (1.0, 0.0, 0.0, 0.0)  # a driver that never has one
+    assert_same(import_file(write_bag(tmp_path / "never", recording, wxyz=wxyz)).recording, recording)
 
 
 @pytest.mark.parametrize(
