@@ -34,7 +34,7 @@ def describe(scene: ReplayScene, bounds: Array) -> Mapping[str, Any]:
         "closed": _spans(samples.t, samples.gripper < 0.98 * samples.gripper.max()),
         "joints": {
             "names": list(trajectory.joint_names),
-            "slides": list(scene.slides or (False,) * len(trajectory.joint_names)),
+            "slides": list(scene.slides),
             "t": typed(curves.t, "Float32Array"),
             "q": typed(curves.q.T, "Float32Array"),
             "lower": limits.lower.tolist(),
