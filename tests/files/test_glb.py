@@ -73,6 +73,16 @@ def test_every_joint_is_where_forward_kinematics_has_it(tmp_path: Path, name: st
             assert max(shown.distance(T_base_joint)) < 1e-5
 
 
+def test_the_hands_path_shows_its_speed(tmp_path: Path) -> None:
+    from pygltflib import GLTF2
+
+    written("panda", "glb", tmp_path / "m.glb")
+    gltf = GLTF2().load(str(tmp_path / "m.glb"))
+    path = next(node for node in gltf.nodes if node.name == "hand_path")
+    colours = gltf.accessors[gltf.meshes[path.mesh].primitives[0].attributes.COLOR_0]
+    assert (colours.componentType, colours.normalized) == (5121, True)  # bytes, of which 255 is 1.0
+
+
 def test_trimesh_reads_the_arm_upright_and_each_mesh_once(tmp_path: Path) -> None:
     import trimesh
 
