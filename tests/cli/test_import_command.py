@@ -190,6 +190,7 @@ def test_swapped_axes_are_said_and_what_it_says_to_do_helps(swapped: Path, capsy
         "its name; no unit given",
     ]
     assert told["unread"] == {"battery": "nothing inertial"}
+    assert told["duration_s"] == float(swapped.read_text().splitlines()[-1].partition(",")[0])
 
 
 def test_the_table_has_every_column(swapped: Path, capsys: pytest.CaptureFixture[str]) -> None:

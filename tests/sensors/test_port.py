@@ -3,6 +3,7 @@
 import errno
 import os
 import termios
+import time
 import tty
 from collections.abc import Iterator
 from pathlib import Path
@@ -15,6 +16,7 @@ from pbd.sensors import probe
 from pbd.sensors.port import Port, open_port
 from pbd.sensors.probe import describe_bytes, find_baud, identify_protocol, printed_line
 from pbd.sensors.protocols import PROTOCOLS
+from pbd.sensors.reader import Reader
 from tests.not_none import not_none
 from tests.record.emulated_sensors import SPEAKERS, Device, random_hand
 
@@ -227,3 +229,11 @@ def test_silence_says_what_was_tried(pair: tuple[int, str]) -> None:
         with pytest.raises(SensorError, match=message):
             find_baud(port, PROTOCOLS["razor"].decoder, "razor")
         assert probe.probe(port).bytes_seen == 0
+
+
+def test_a_closed_reader_waits_for_no_further_byte(pair: tuple[int, str]) -> None:
+    with open_port(pair[1], 115200) as port:
+        reader = Reader(lambda: port)
+        begun = time.monotonic()
+        reader.close()
+        assert time.monotonic() - begun < 2.0  # of the 5 s that a read may hang
