@@ -241,7 +241,8 @@ class LiveHand:
         self._trial_filter = self._filter.fork()
         self._add_knot(self._trial_filter, sample.t, same=self._settled)
         before, first = self._past_stops[-1], trial.first
-        moved, turned = before.pose.distance(self._trial_filter.pose()[0])
+        pose, cov = self._trial_filter.pose()
+        moved, turned = before.pose.distance(pose)
         # As `_join_stops` does; but how long the hand will stand here is not known yet.
         short_gap = (gap := first.t - before.last.t) < BOUNCE_S
         # Both ends of a knock are seen up to a block too far away from it.
@@ -262,7 +263,7 @@ class LiveHand:
                 f"no motion fits the data from {before.last.t:.1f} to {trial.first.t:.1f} s: samples are lost or wrong "
                 "there, and stops may be missing; record again"
             )
-        self._stop = LiveStop(first, sample, *self._trial_filter.pose())
+        self._stop = LiveStop(first, sample, pose, cov)
         return [*([DataFlaw(before.last.t, flaw)] if flaw else []), self.current_stop(sample.t, continues)]
 
     def current_stop(self, t: float, continues: bool = False) -> StopBegan:
