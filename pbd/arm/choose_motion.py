@@ -10,14 +10,13 @@ links.
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
-from importlib.util import find_spec
 
 import numpy as np
 
 from pbd.arm.collision.scene import CollisionScene, Hit
 from pbd.arm.ik.cartesian import line
 from pbd.arm.ladder_building import add_turns, build_ladder, joints_to_unwind, widen
-from pbd.arm.ladder_checks import WIDE_COST
+from pbd.arm.ladder_checks import CAN_DETOUR, WIDE_COST
 from pbd.arm.ladder_graph import Barred, Ladder
 from pbd.arm.ladder_links import Link, MoveState, ends_key
 from pbd.arm.ladder_mending import Mending
@@ -33,7 +32,7 @@ from pbd.arm.refusal import (
     warn_of_closeness,
 )
 from pbd.arm.tool_deviation import ToolDeviation, tool_deviations
-from pbd.errors import PlanError, warn
+from pbd.errors import PlanError
 from pbd.pose import Array
 
 MEND_AFTER_STRAIGHT, MEND_AFTER_ONLY_STRAIGHT = 12, 36
@@ -46,13 +45,10 @@ def choose_motion(arm: ArmModel, request: MotionRequest, scene: CollisionScene |
     """Choose the joints at the keyframes and the segments between them; without a scene, collisions are ignored.
 
     Warns:
-        PbdWarning: the retreat is left out, the arm makes a detour, the motion only keeps the margin CLOSE_M, or no
-            detour is searched for since OMPL is not installed.
+        PbdWarning: the retreat is left out, the arm makes a detour, or the motion only keeps the margin CLOSE_M.
     """
-    no_ompl = request.detour and find_spec("ompl") is None
-    request = replace(request, detour=request.detour and not no_ompl)
     wide_cost = WIDE_COST if request.kind == STRAIGHT else 0.0
-    mend_after = MEND_AFTER_STRAIGHT if request.detour else MEND_AFTER_ONLY_STRAIGHT
+    mend_after = MEND_AFTER_STRAIGHT if request.detour and CAN_DETOUR else MEND_AFTER_ONLY_STRAIGHT
     try:
         ladder = build_ladder(arm, request.T_base_tool, request.q_start, request.q_retreat, mend_after, wide_cost)
     except PlanError as error:
@@ -66,8 +62,6 @@ def choose_motion(arm: ArmModel, request: MotionRequest, scene: CollisionScene |
             search, found = close, closer
     if isinstance(found, Motion):
         warn_about_motion(found, search.retreat_hit)
-    elif no_ompl and found.why == COLLISION:
-        warn("no detour was searched for: the package ompl is not installed, as on a Python for which it has no build")
     return found
 
 
@@ -256,7 +250,7 @@ class _Search(Mending):
                 move.hits[move.kind] = hit
             else:
                 infeasible_kind = move.kind
-        return refuse_move(i, move, infeasible_kind, self.obstacles)
+        return refuse_move(i, move, infeasible_kind, self.obstacles, no_ompl=self.request.detour and not CAN_DETOUR)
 
     def _hit_on_path(self, i: int) -> Hit | None:
         """Return what the arm touches on the tool's path to keyframe i; None if it cannot follow that path at all."""

@@ -1,6 +1,7 @@
 """Check which moves of a motion's ladder graph are free, and what they cost. Links and moves store the results."""
 
 from collections.abc import Sequence
+from importlib.util import find_spec
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -19,6 +20,8 @@ from pbd.arm.motion_request import STRAIGHT, MotionRequest
 from pbd.arm.tool_deviation import tool_deviations
 from pbd.pose import Array, Pose
 
+CAN_DETOUR = find_spec("ompl") is not None
+"""Whether OMPL is installed; for some versions of Python it has no build."""
 OTHER_DETOUR_COST = 100.0
 """Extra cost of a second detour on a link, rad, so that it comes last."""
 DETOUR_CHECKS, DETOUR_CHECKS_PER_KEYFRAME, CLOSE_CHECKS_SHARE = 6000, 1000, 0.5
@@ -82,7 +85,7 @@ class LinkChecks:
         self.grasps = () if scene is None else scene.grasp_states(request.T_base_tool, request.grips)
         self.n = len(request.T_base_tool)
         self.links = [Link(place) for place in range(len(ladder.layers) - 1)]
-        may_detour = request.detour and scene is not None
+        may_detour = request.detour and CAN_DETOUR and scene is not None
         self.moves = [
             MoveState(STRAIGHT, remedies_of(request, i, may_detour=may_detour)) for i in range(len(self.links))
         ]

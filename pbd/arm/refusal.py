@@ -30,10 +30,13 @@ def refuse_pose(i: int, tried: int, hit: Hit, obstacles: Collection[str]) -> Ref
     return _collision(i, f"arm pose at keyframe {i} among {tried} tried: {hit}", STRAIGHT, hit, obstacles)
 
 
-def refuse_move(i: int, move: MoveState, infeasible_kind: str | None, obstacles: Collection[str]) -> Refusal:
+def refuse_move(
+    i: int, move: MoveState, infeasible_kind: str | None, obstacles: Collection[str], *, no_ompl: bool = False
+) -> Refusal:
     """Refuse the move to keyframe i; the message names the shallowest hit.
 
-    `infeasible_kind`: LINE or DEMO, if the arm can't follow that path even without obstacles; else None.
+    `infeasible_kind`: LINE or DEMO, if the arm can't follow that path even without obstacles; else None. `no_ompl`: no
+    detour was searched for, since OMPL is not installed.
     """
     if not (hits := move.hits):
         path = "the demonstrated path" if infeasible_kind == DEMO else "the straight line"
@@ -54,6 +57,7 @@ def refuse_move(i: int, move: MoveState, infeasible_kind: str | None, obstacles:
     where = f"from keyframe {i - 1} to keyframe {i}" if i > 0 else "to keyframe 0"
     pairs = f"{move.barred_pairs} pairs of arm poses" if move.barred_pairs > 1 else "1 pair of arm poses"
     search = f", and no detour found in {amount(move.detour_checks, 'check')}" if move.detour_checks else ""
+    search = ", and no detour was searched for: the package ompl is not installed" if no_ompl else search
     what = f"motion {where} among {pairs}{search}. {'. '.join(attempts)}"
     return _collision(i, what, closest, hits[closest], obstacles)
 

@@ -1,6 +1,5 @@
 """The choice of a motion: straight, with other configurations, by line, by the hand's path, by detour; refusals."""
 
-import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
@@ -328,9 +327,10 @@ def test_once_a_remedy_changed_the_number_of_layers_the_others_wait_for_the_next
 
 
 def test_without_ompl_no_detour_is_searched_for(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "ompl", None)
-    with pytest.warns(PbdWarning, match="^no detour was searched for: the package ompl is not installed"):
-        refused((LEFT, RIGHT), PLATE, approach=False)
+    for module in (ladder_checks, motion_module):
+        monkeypatch.setattr(module, "CAN_DETOUR", False)
+    message = refused((LEFT, RIGHT), PLATE, approach=False).error.message
+    assert ", and no detour was searched for: the package ompl is not installed. Straight" in message
 
 
 def test_a_refusal_gives_the_number_of_checks_of_detours(monkeypatch: pytest.MonkeyPatch) -> None:
