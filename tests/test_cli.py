@@ -49,7 +49,8 @@ def test_replay_json(capsys: Capture, elsewhere: Path) -> None:
     assert result["ik"]["max_rotation_error_rad"] < 1e-5
     assert all(0.5 < result["limits"][key] <= 1.0 for key in ("velocity", "acceleration", "jerk"))
     assert result["warnings"] == []
-    assert result["dock_tilt_deg"] == pytest.approx(np.hypot(0.045, 0.020), abs=0.001)  # roll and pitch at keyframe 0
+    w, _, _, z = run_json(capsys, "keyframes", "pouring")["keyframes"][0]["wxyz"]  # panda's dock is level
+    assert result["dock_tilt_deg"] == pytest.approx(np.degrees(2.0 * np.arccos(np.hypot(w, z))), abs=1e-5)
     assert (elsewhere / result["html"]).stat().st_size < 5e6
 
 

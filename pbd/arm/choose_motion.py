@@ -18,7 +18,7 @@ from pbd.arm.ik.cartesian import line
 from pbd.arm.ladder_building import add_turns, build_ladder, joints_to_unwind, widen
 from pbd.arm.ladder_checks import CAN_DETOUR, WIDE_COST
 from pbd.arm.ladder_graph import Barred, Ladder
-from pbd.arm.ladder_links import Link, MoveState, ends_key
+from pbd.arm.ladder_links import Link, MoveState, ends_key, remedies_of
 from pbd.arm.ladder_mending import Mending
 from pbd.arm.model import ArmModel
 from pbd.arm.motion_request import DEMO, LINE, STRAIGHT, Motion, MotionRequest
@@ -250,7 +250,9 @@ class _Search(Mending):
                 move.hits[move.kind] = hit
             else:
                 infeasible_kind = move.kind
-        return refuse_move(i, move, infeasible_kind, self.obstacles, no_ompl=self.request.detour and not CAN_DETOUR)
+        with_ompl = remedies_of(self.request, i, may_detour=self.request.detour)
+        no_ompl = "detour" in with_ompl and not CAN_DETOUR
+        return refuse_move(i, move, infeasible_kind, self.obstacles, no_ompl=no_ompl)
 
     def _hit_on_path(self, i: int) -> Hit | None:
         """Return what the arm touches on the tool's path to keyframe i; None if it cannot follow that path at all."""

@@ -61,11 +61,16 @@ def torque_remark(plan: Plan) -> str:
 
 def plan_json(plan: Plan) -> dict[str, Any]:
     """Return what every command that plans says of the plan."""
-    duration_s, dock, tilt_deg = plan.trajectory.duration, plan.calibration.T_base_dock, None
+    dock, tilt_deg = plan.calibration.T_base_dock, None
     if dock is not None and not plan.calibration.any_attitude:
         tilt_deg = math.degrees(dock_tilt(dock, plan.keyframes[0].T_nav_sensor.wxyz))
-    named = {"demo": plan.name, "robot": plan.robot.name, "duration_s": duration_s, "scale": plan.scale}
-    return {**named, "dock_tilt_deg": tilt_deg}
+    return {
+        "demo": plan.name,
+        "robot": plan.robot.name,
+        "duration_s": plan.trajectory.duration,
+        "scale": plan.scale,
+        "dock_tilt_deg": tilt_deg,
+    }
 
 
 def moves_json(plan: Plan) -> list[dict[str, Any]]:

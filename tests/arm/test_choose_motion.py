@@ -326,11 +326,14 @@ def test_once_a_remedy_changed_the_number_of_layers_the_others_wait_for_the_next
     assert asked == tried
 
 
-def test_without_ompl_no_detour_is_searched_for(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(("kind", "told"), [(STRAIGHT, True), (LINE, False)])
+def test_without_ompl_a_move_that_a_detour_may_replace_says_that_none_was_searched_for(
+    monkeypatch: pytest.MonkeyPatch, kind: str, told: bool
+) -> None:
     for module in (ladder_checks, motion_module):
         monkeypatch.setattr(module, "CAN_DETOUR", False)
-    message = refused((LEFT, RIGHT), PLATE, approach=False).error.message
-    assert ", and no detour was searched for: the package ompl is not installed. Straight" in message
+    message = refused((LEFT, RIGHT), PLATE, approach=False, kind=kind).error.message
+    assert (", and no detour was searched for: the package ompl is not installed. " in message) == told
 
 
 def test_a_refusal_gives_the_number_of_checks_of_detours(monkeypatch: pytest.MonkeyPatch) -> None:

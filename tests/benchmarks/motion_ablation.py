@@ -10,7 +10,6 @@ The columns: how many are solved; lost and gained against the first row; how lon
 scenes, time in the plans) on what both solve, as a share, and the worst; seconds of process time.
 """
 
-import json
 import sys
 import time
 import warnings
@@ -30,6 +29,7 @@ from pbd.arm import ladder_building, ladder_checks, ladder_mending
 from pbd.arm.choose_motion import choose_motion
 from pbd.arm.collision.scene import CollisionScene
 from pbd.arm.motion_request import Motion, MotionRequest
+from pbd.cli.console import print_json
 from pbd.data import HandPath, Obstacle
 from pbd.errors import PbdError
 from pbd.files.demo import load_demo
@@ -155,7 +155,7 @@ def main() -> None:
         before = before or found
         rows[part] = {name: compared(*each) for name, *each in zip(("scenes", "plans"), before, found, strict=True)}
     if args.json:
-        print(json.dumps(rows))
+        print_json(rows)
         return
     print_machine()
     columns = ("solved (lost, gained)", "length", "worst", "s")

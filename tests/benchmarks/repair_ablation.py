@@ -5,7 +5,6 @@ sensor can tell is left out). A rule earns its place where, without it, more cas
 or wrong ones are warned of that were refused.
 """
 
-import json
 import os
 import sys
 from collections import Counter
@@ -20,6 +19,7 @@ sys.path.insert(0, str(Path(__file__).parents[2]))
 import numpy as np
 
 from pbd import track_alone
+from pbd.cli.console import print_json
 from pbd.data import Recording, Stop
 from pbd.tracking import estimate, first_rest, residual_tests
 from pbd.tracking.repair import channel_faults, gaps, gyro_consistency, repair_recording
@@ -115,7 +115,7 @@ def main() -> None:
                 named = ", ".join(f"{name} ({count})" for name, count in new.most_common(4))
                 print(f"| {rule} | " + " | ".join(map(str, rows[rule].values())) + f" | {named} |", flush=True)
     if args.json:
-        print(json.dumps(rows))
+        print_json(rows)
 
 
 def row_of(verdicts: list[str]) -> dict[str, int]:

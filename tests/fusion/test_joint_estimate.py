@@ -67,7 +67,7 @@ def test_frames_levers_and_rotations_in_the_hand_are_found() -> None:
 
 
 def test_levers_are_held_near_zero_if_all_takes_hold_the_sensor_alike() -> None:
-    """Free up to a hand's width, they would fit the scatter, 3.6 mm rms."""
+    """Free up to a hand's width, they would fit the scatter of 3 mm."""
     true = replace(truth(4), lever=np.zeros((4, 3)))
     found = estimate_jointly(observations(true, np.array(3.0 * MM), MM), initial_state(true), common_scatter(6)).state
     assert np.sqrt((found.lever[1:] ** 2).mean()) < 2.5 * MM

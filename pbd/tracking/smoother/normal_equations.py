@@ -157,8 +157,8 @@ class Solved:
     @cached_property
     def decrement(self) -> float:
         """Newton's decrement: no function of the unknowns changes in this step by more than so many of its sigmas."""
-        schur = self.corner - (self.half.T @ self.half)[:-1]
-        return float(np.sqrt(np.square(self.half[:, -1]).sum() - self.d_shared @ schur[:, -1]))
+        shared = self.d_shared @ np.linalg.solve(self.shared, self.d_shared)
+        return float(np.sqrt(np.square(self.half[:, -1]).sum() + shared))
 
     def plus(self, corner: Array) -> Solved:
         """The solution with more information and gradient (s, s + 1) on the shared unknowns."""
