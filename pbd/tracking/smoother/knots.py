@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,48 +76,48 @@ class Problem:
         return self.frame.t[self.rows]
 
 
-def row_noise(
-    frame: GyroFrame, rest: Rest, noise: Noise, gaps: Sequence[tuple[int, int]], no_gyro: bool
-) -> tuple[Array, Array]:
-    """`densities` at each row, with the unknown motion in gaps; `no_gyro` as in `Problem`."""
-    t, (s_g, s_a) = frame.t, densities(noise, frame.gyr, frame.u, frame.dt)
-    if no_gyro:  # the device's attitude follows a turn late, then catches up
-        s_g[0] = noise.device_lag * (frame.gyr**2).sum(axis=1)
-        s_a[0] = frame.dt * frame.u[rest.start : rest.stop].var(axis=0).mean()  # gravity, tilted by attitude noise
-    for first, last in gaps:
-        lasts = float(t[last] - t[first])
-        s_g[0, first : last + 1] += noise.unseen_rate**2 * lasts
-        s_a[0, first : last + 1] += 12.0 * noise.unseen_speed**2 / lasts  # a move from rest to rest
-    return s_g, s_a
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """What the problems of a recording have in common: all but the stops.
 
-
-def build_problem(
-    frame: GyroFrame,
-    mag: Array | None,
-    rest: Rest,
-    noise: Noise,
-    stops: Spans,
-    still_sigma: Array,
-    density: tuple[Array, Array],
-    extra_rows: Sequence[int],
-    lost_motion: Sequence[LostMotion],
-    gaps: Sequence[tuple[int, int]],
-    still_gaps: Sequence[tuple[int, int]],
-    *,
-    no_gyro: bool,
-) -> Problem:
-    """Place knots and integrate between them.
-
-    Args:
+    Attributes:
         frame, rest, noise, no_gyro: as in `Problem`.
         mag: (n, 3) in any unit, or None.
-        stops: spans in which the hand may stand still.
         still_sigma: (n,) m/s per axis, sigma of zero velocity.
-        density: from `row_noise`.
         extra_rows, lost_motion, gaps, still_gaps: as `smooth` takes them.
     """
-    t, dt = frame.t, frame.dt
-    rows, stop_of = _place_knots(t, stops, [*extra_rows, *(row for gap in (*gaps, *still_gaps) for row in gap)])
+
+    frame: GyroFrame
+    rest: Rest
+    noise: Noise
+    mag: Array | None
+    still_sigma: Array
+    extra_rows: Sequence[int]
+    lost_motion: Sequence[LostMotion]
+    gaps: Sequence[tuple[int, int]]
+    still_gaps: Sequence[tuple[int, int]]
+    no_gyro: bool
+
+    @cached_property
+    def density(self) -> tuple[Array, Array]:
+        """`densities` at each row, with the unknown motion in gaps."""
+        frame, noise, rest = self.frame, self.noise, self.rest
+        t, (s_g, s_a) = frame.t, densities(noise, frame.gyr, frame.u, frame.dt)
+        if self.no_gyro:  # the device's attitude follows a turn late, then catches up
+            s_g[0] = noise.device_lag * (frame.gyr**2).sum(axis=1)
+            s_a[0] = frame.dt * frame.u[rest.start : rest.stop].var(axis=0).mean()  # gravity, tilted by attitude noise
+        for first, last in (*self.gaps, *self.still_gaps):
+            lasts = float(t[last] - t[first])
+            s_g[0, first : last + 1] += noise.unseen_rate**2 * lasts
+            s_a[0, first : last + 1] += 12.0 * noise.unseen_speed**2 / lasts  # a move from rest to rest
+        return s_g, s_a
+
+
+def build_problem(samples: Samples, stops: Spans) -> Problem:
+    """Place knots, and integrate between them. `stops`: spans in which the hand may stand still."""
+    frame, noise, gaps, still_gaps = samples.frame, samples.noise, samples.gaps, samples.still_gaps
+    t, dt, mag = frame.t, frame.dt, samples.mag
+    rows, stop_of = _place_knots(t, stops, [*samples.extra_rows, *(row for gap in (*gaps, *still_gaps) for row in gap)])
     same_stop = (stop_of[1:] == stop_of[:-1]) & (stop_of[1:] >= 0)
     for first, last in gaps:
         stop_of[(rows > first) & (rows < last)] = -1
@@ -128,7 +129,7 @@ def build_problem(
     stops = [stops[k] for k in used]
     stop_of = np.where(stop_of < 0, -1, np.searchsorted(used, stop_of))
     borders = np.concatenate((t[rows[:1]], 0.5 * (t[rows[1:]] + t[rows[:-1]]), t[rows[-1:]]))
-    legs = preintegrate(frame, rows, density, lost_motion, _knot_velocity(frame, rows, stop_of))
+    legs = preintegrate(frame, rows, samples.density, samples.lost_motion, _knot_velocity(frame, rows, stop_of))
     field = None if mag is None else mean_around(quat_rotate(frame.wxyz, mag), rows, round(STOP_KNOT_S / dt))
     if field is not None:
         field /= np.abs(field).max()
@@ -136,7 +137,7 @@ def build_problem(
     _fix_sway(legs, middle, np.where(same_stop, stop_of[:-1], -1))
     return Problem(
         frame,
-        rest,
+        samples.rest,
         noise,
         stops,
         rows,
@@ -144,13 +145,13 @@ def build_problem(
         same_stop,
         stood,
         legs,
-        still_sigma[rows],
+        samples.still_sigma[rows],
         quat_to_matrix(frame.wxyz[rows]),
-        np.zeros((len(rows), 3)) if no_gyro else mean_around(frame.gyr, rows, round(0.5 * BLOCK_S / dt)),
+        np.zeros((len(rows), 3)) if samples.no_gyro else mean_around(frame.gyr, rows, round(0.5 * BLOCK_S / dt)),
         _turn_sigma(frame, rows, same_stop, noise.still_turn),
         np.maximum(np.diff(borders), dt),
         field,
-        no_gyro,
+        samples.no_gyro,
     )
 
 

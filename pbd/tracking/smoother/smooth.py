@@ -19,8 +19,8 @@ from pbd.tracking.noise import Noise
 from pbd.tracking.smoother.attitude import gyro_frame_of, heading, level_at_stops
 from pbd.tracking.smoother.doubtful_stops import doubted_stops, revised_stops, settled, stop_weights
 from pbd.tracking.smoother.factors import shared_prior, shows_north
-from pbd.tracking.smoother.gauss_newton import descend
-from pbd.tracking.smoother.knots import Problem, build_problem, row_noise
+from pbd.tracking.smoother.gauss_newton import Descent, descend
+from pbd.tracking.smoother.knots import Problem, Samples, build_problem
 from pbd.tracking.smoother.large_errors import LargeErrors, find_large_errors
 from pbd.tracking.smoother.normal_equations import Solved
 from pbd.tracking.smoother.path import SensorPath, path_of
@@ -92,21 +92,69 @@ def smooth(
     Raises:
         TrackingError: there is neither a gyro nor the device's attitude.
     """
+    # A knot right after lost motion: the unknown turn is too large to linearise over a longer leg.
+    extra_rows = [*extra_rows, *(min(lost.row + 1, len(recording) - 1) for lost in lost_motion)]
+    wide = _solve_with_wide_prior(recording, rest, noise, lost_motion, gaps, extra_rows, still_gaps)
+    if wide is None:
+        return None
+    samples, candidates, removed, problem, found, fixed = wide
+    del wide  # of a long recording it is large
+    narrow = Prior(noise.lag if removed.lag == 0.0 else 0.0, noise.lag_sigma)
+    # The model is linear in lag and scale, so the prior can be exchanged without a new linearisation.
+    change = shared_prior(problem, found.at, narrow) - shared_prior(problem, found.at, fixed.prior)
+    found, fixed = replace(found, solved=found.solved.plus(change)), replace(fixed, prior=narrow)
+    if not found.converged:
+        found = descend(problem, found.x, fixed)
+    path, cut = path_of(problem, found.x), np.zeros(len(candidates), dtype=np.bool_)
+    recuts = MAX_RECUTS
+    while True:
+        if recuts:
+            recuts -= 1
+            cut = cut | doubted_stops(problem, path.v, found.still_weight, candidates, samples.still_sigma)
+            gaps = (*samples.gaps, *samples.still_gaps)
+            stops = revised_stops(problem, path.v, found.solved, candidates, cut, samples.still_sigma, gaps)
+            if not stops or settled(problem.frame.t, problem.stops, stops):
+                problem, recuts = replace(problem, stops=stops or problem.stops), 0
+                continue
+        else:  # a small weight of a small sigma still holds the hand, so what is no stop is left out
+            stops = [stop for stop, weight in zip(problem.stops, stop_weights(problem, found.x), strict=True) if weight]
+            if len(stops) in (0, len(problem.stops)):
+                break
+        found.solved.forget()
+        revised = build_problem(samples, stops)
+        if not revised.stops:
+            break
+        rows, fixed = revised.rows, replace(fixed, origin=_origin_knot(revised))
+        E = quat_to_matrix(quat_multiply(path.wxyz[rows], quat_inverse(revised.frame.wxyz[rows])))
+        k, before = np.searchsorted(problem.rows, rows), found.x
+        x = State(E, path.v[rows], path.p[rows], before.gyr_bias[k], before.acc_bias[k], before.shared)
+        problem = revised
+        del found, path, before  # large too
+        found = descend(problem, x, fixed, ANNEALING[-1:])
+        path = path_of(problem, found.x)
+    return Solution(
+        *(problem, found.x, fixed, found.still_weight, found.solved, path, removed, candidates, found.converged)
+    )
+
+
+def _solve_with_wide_prior(
+    recording: Recording,
+    rest: Rest,
+    noise: Noise,
+    lost_motion: Sequence[LostMotion],
+    gaps: Sequence[tuple[int, int]],
+    extra_rows: Sequence[int],
+    still_gaps: Sequence[tuple[int, int]],
+) -> tuple[Samples, Spans, LargeErrors, Problem, Descent, Fixed] | None:
+    """Solve with wide priors of lag and scale, and anew each time that this shows large errors: they are removed.
+
+    Also returns the samples without these errors, and the spans that look still; None if there is no stop.
+    """
     removed, prior = LargeErrors(), Prior(noise.lag, noise.wide_lag_sigma, WIDE_SCALE_SIGMA)
     stops: Spans | None = None
     drift: Array | float = 0.0  # rad/s, of the gyro's bias since the first rest
-    no_gyro, all_gaps = recording.gyr is None, (*gaps, *still_gaps)
-
-    # A knot right after lost motion: the unknown turn is too large to linearise over a longer leg.
-    extra_rows = [*extra_rows, *(min(lost.row + 1, len(recording) - 1) for lost in lost_motion)]
-
-    def build(stops: Spans) -> Problem:
-        return build_problem(
-            *(frame, without.mag, rest, noise, stops, still_sigma, density, extra_rows, lost_motion, gaps, still_gaps),
-            no_gyro=no_gyro,
-        )
-
-    for passes_left in (3, 2, 1, 0):  # each solution with wide priors may show large errors that the one before hid
+    no_gyro = recording.gyr is None
+    for passes_left in (3, 2, 1, 0):  # each solution may show large errors that the one before hid
         without = removed.removed_from(recording)
         frame = gyro_frame_of(without, rest.gyro_bias * (1.0 + removed.scale))
         window = min(max(2, round(ENERGY_WINDOW_S / frame.dt)), len(frame.t))
@@ -117,10 +165,10 @@ def smooth(
             stops = find_candidates(frame.t, frame.dt, energy, rest, gaps)
         still_sigma = at_rows(zero_velocity_sigma(energy, frame.dt, noise), len(frame.t))
         del energy  # of a long recording it is large
-        density = row_noise(frame, rest, noise, all_gaps, no_gyro)
-        if not stops:
-            return None
-        problem = build(stops)
+        samples = Samples(
+            *(frame, rest, noise, without.mag, still_sigma, extra_rows, lost_motion, gaps, still_gaps, no_gyro)
+        )
+        problem = build_problem(samples, stops)
         if not problem.stops:
             return None
         initial, fixed = _initial_state(problem, prior, removed.azimuth)
@@ -137,41 +185,7 @@ def smooth(
         if large is None:
             break
         removed = large
-    narrow = Prior(noise.lag if removed.lag == 0.0 else 0.0, noise.lag_sigma)
-    # The model is linear in lag and scale, so the prior can be exchanged without a new linearisation.
-    change = shared_prior(problem, found.at, narrow) - shared_prior(problem, found.at, prior)
-    found, fixed = replace(found, solved=found.solved.plus(change)), replace(fixed, prior=narrow)
-    if not found.converged:
-        found = descend(problem, found.x, fixed)
-    path, candidates = path_of(problem, found.x), stops or Spans()
-    cut, recuts = np.zeros(len(candidates), dtype=np.bool_), MAX_RECUTS
-    while True:
-        if recuts:
-            recuts -= 1
-            cut = cut | doubted_stops(problem, path.v, found.still_weight, candidates, still_sigma)
-            stops = revised_stops(problem, path.v, found.solved, candidates, cut, still_sigma, all_gaps)
-            if not stops or settled(problem.frame.t, problem.stops, stops):
-                problem, recuts = replace(problem, stops=stops or problem.stops), 0
-                continue
-        else:  # a small weight of a small sigma still holds the hand, so what is no stop is left out
-            stops = [stop for stop, weight in zip(problem.stops, stop_weights(problem, found.x), strict=True) if weight]
-            if len(stops) in (0, len(problem.stops)):
-                break
-        found.solved.forget()
-        revised = build(stops)
-        if not revised.stops:
-            break
-        rows, fixed = revised.rows, replace(fixed, origin=_origin_knot(revised))
-        E = quat_to_matrix(quat_multiply(path.wxyz[rows], quat_inverse(revised.frame.wxyz[rows])))
-        k, before = np.searchsorted(problem.rows, rows), found.x
-        x = State(E, path.v[rows], path.p[rows], before.gyr_bias[k], before.acc_bias[k], before.shared)
-        problem = revised
-        del found, path, before  # of a long recording they are large
-        found = descend(problem, x, fixed, ANNEALING[-1:])
-        path = path_of(problem, found.x)
-    return Solution(
-        *(problem, found.x, fixed, found.still_weight, found.solved, path, removed, candidates, found.converged)
-    )
+    return samples, stops or Spans(), removed, problem, found, fixed
 
 
 def _origin_knot(problem: Problem) -> int:

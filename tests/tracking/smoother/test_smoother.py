@@ -41,7 +41,7 @@ from pbd.tracking.smoother.factors import (
     whitener,
 )
 from pbd.tracking.smoother.gauss_newton import Descent
-from pbd.tracking.smoother.knots import Problem, _fix_sway, _turn_sigma, row_noise
+from pbd.tracking.smoother.knots import Problem, Samples, _fix_sway, _turn_sigma
 from pbd.tracking.smoother.large_errors import _large_lag_and_scale
 from pbd.tracking.smoother.normal_equations import BAND, STATE, STATE_ACC_BIAS, STATE_GYR_BIAS, NormalEquations, Solved
 from pbd.tracking.smoother.preintegration import ACC_MATRIX, ERRORS, GYR_MATRIX, LAG, POS, ROT, VEL, GyroFrame, Legs
@@ -97,7 +97,8 @@ def test_a_gap_hides_a_move_from_rest_to_rest_and_a_turn() -> None:
     """A move of `unseen_speed` times its length: the integral of a random walk that is tied to zero at both ends."""
     problem = not_none(smoothed(simulate("pour", "modern", 0).recording).solution).problem
     frame, rest, noise, gap = problem.frame, problem.rest, problem.noise, (20, 29)
-    seen, hidden = (row_noise(frame, rest, noise, gaps, no_gyro=False) for gaps in ([], [gap]))
+    samples = (Samples(frame, rest, noise, None, frame.t, (), (), gaps, (), no_gyro=False) for gaps in ([], [gap]))
+    seen, hidden = (each.density for each in samples)
     turn, move = (after[0] - before[0] for before, after in zip(seen, hidden, strict=True))
     lasts = frame.t[29] - frame.t[20]
     s = np.linspace(0.0, lasts, 501)
