@@ -1,8 +1,10 @@
 """Find the header of a table that another program wrote, or say how to import one without a header."""
 
 import csv
+import math
 import re
 import shlex
+import statistics
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -159,7 +161,7 @@ def cells_of(line: str, delimiter: str) -> list[str]:
 def headerless_advice(path: Path, header: Sequence[str], text: str, above: int) -> str:
     """Return what to do about a table without a header, whose first row was read as one; "" if it has names.
 
-    A word before the numbers that the next line repeats is no name.
+    A word before the numbers that the next line repeats is no name, also before the first number, as `Raw:1,2,3`.
 
     Args:
         header: the cells that were read as names.
@@ -167,7 +169,9 @@ def headerless_advice(path: Path, header: Sequence[str], text: str, above: int) 
     """
     rows = text.split("\n", above + FIRST_ROWS)[above : above + FIRST_ROWS]
     labelled = _is_row("\t".join(header)) and header[0][:1].isalpha() and "".join(rows[1:2]).startswith(header[0])
-    cells = header[labelled:]
+    glued = re.match(r"[A-Za-z]\w*[:=] ?(?=[-+.\d])", header[0])
+    prefix = glued[0] if glued and "".join(rows[1:2]).startswith(glued[0]) else ""
+    cells = [header[0].removeprefix(prefix), *header[1:]][labelled:]
     if not re.fullmatch(r"[-+.,;\deE\s]+", "".join("0" if is_stamp(cell) else cell for cell in cells)):
         return ""
     what = "numbers where the column names should be; add a line with the names above them, "
@@ -177,15 +181,17 @@ def headerless_advice(path: Path, header: Sequence[str], text: str, above: int) 
         return (
             f"{what}as t,ax,ay,az,gx,gy,gz; if its {len(cells)} columns are several samples, write each in its own row"
         )
-    return f"{what}or give the right names: {_import_command(path, rows, labelled)}"
+    return f"{what}or give the right names: {_import_command(path, rows, labelled, prefix)}"
 
 
-def _import_command(path: Path, lines: Sequence[str], labelled: bool) -> str:
+def _import_command(path: Path, lines: Sequence[str], labelled: bool, prefix: str) -> str:
     """Return the command that imports a table without a header, with likely names of the columns.
 
-    `lines` are its first ones as the file has them; some may be cut off. Only a first column that increases is taken
-    for the time; if `labelled`, the second.
+    Of the first two sensors, the accelerometer is the one whose norm scatters less, as at rest. `lines` are the file's
+    first ones; some may be cut off. Only a first column that increases is taken for the time; if `labelled`, the
+    second. `prefix`: text before each line's first number.
     """
+    lines = [line.removeprefix(prefix) for line in lines]
     first = lines[0]
     mark = delimiter_of(first) if any(map(first.count, ",;\t")) else "|" if "|" in first else "space"
     rows = [line.split(None if mark == "space" else mark) for line in lines if line.strip() and line[0] != "#"]
@@ -195,8 +201,19 @@ def _import_command(path: Path, lines: Sequence[str], labelled: bool) -> str:
     with suppress(ValueError):
         times = [float(row[labelled]) for row in rows if len(row) == width]
         t = ["t"] if count % 3 and times[0] < times[-1] and times == sorted(times) else []
-    axes = [*ACC, *GYR, *MAG][: (count - len(t)) // 3 * 3]
+    at = labelled + len(t)
+    known = [row for row in rows if len(row) == width]
+    gyro_first = count - len(t) >= 6 and _scatter(known, at + 3) < _scatter(known, at)
+    axes = [*(GYR if gyro_first else ACC), *(ACC if gyro_first else GYR), *MAG][: (count - len(t)) // 3 * 3]
     columns = ",".join([*"_" * labelled, *t, *axes, *"_" * (count - len(t) - len(axes))])
     separator = {",": "", "\t": " --separator tab"}.get(mark, f" --separator {shlex.quote(mark)}")
-    rate = "" if t else " --rate HZ"
+    rate = (f" --prefix {shlex.quote(prefix)}" if prefix else "") + ("" if t else " --rate HZ")
     return f"pbd import {shlex.quote(str(path))} NAME --sensor lines --columns {columns}{separator}{rate}"
+
+
+def _scatter(rows: Sequence[Sequence[str]], at: int) -> float:
+    """Return the relative scatter of the norm of three numbers from rows: small for gravity, not for a gyro's noise."""
+    with suppress(ValueError, statistics.StatisticsError, ZeroDivisionError):
+        norms = [math.hypot(*map(float, row[at : at + 3])) for row in rows]
+        return statistics.pstdev(norms) / statistics.fmean(norms)
+    return math.inf

@@ -65,6 +65,7 @@ class Sheet:
         first_line: the number of the first row's line in the file, counted from 1.
         foreign: another program wrote it; without commas as delimiters, numbers may have decimal commas.
         cells_required: no cell may be empty.
+        preamble: the lines above the header, with comments.
     """
 
     path: Path
@@ -273,7 +274,7 @@ def open_sheet(
         header.pop()
     if recording:
         body = without_cut_row(path, body, len(header), delimiter)
-    first_row, preamble = above + 2 + skipped, "\n".join(lines[:above])
+    first_row, preamble = above + 2 + skipped, "\n".join(in_file.split("\n", above)[:above])
     return Sheet(path, tuple(header), body, delimiter, first_row, foreign, error, preamble=preamble)
 
 

@@ -152,7 +152,17 @@ Gyroscope: X=1.50, Y=0.00, Z=-2.00
 """Format of sketches for M5StickC's MPU6886. The library's units are g and deg/s; here the values are SI."""
 
 
-@pytest.mark.parametrize("line", [PLOTTER, BASIC_READINGS, M5STICK])
+BNO08X = """Acceleration:
+X: 0.500000  Y: 0.250000 Z: 9.750000  m/s^2
+
+Gyro:
+X: 1.500000  Y: 0.000000 Z: -2.000000 rads/s
+
+"""
+"""Adafruit_CircuitPython_BNO08x, examples/bno08x_simpletest.py."""
+
+
+@pytest.mark.parametrize("line", [PLOTTER, BASIC_READINGS, M5STICK, BNO08X])
 def test_lines_that_sketches_print(tmp_path: Path, line: str) -> None:
     text = line[20:] + 4 * line + line[:20]  # the serial monitor was opened and closed within a line
     recording = imported(tmp_path, text, 50.0, "monitor.log")
@@ -249,11 +259,23 @@ def test_beside_another_gyro_gx_is_gravity(tmp_path: Path) -> None:
     assert_allclose(not_none(read.gyr)[0], [4.0, 5.0, 6.0])
 
 
-def test_gravity_is_not_said_to_be_without_gravity(tmp_path: Path) -> None:
-    header = "t,userAcceleration.x,userAcceleration.y,userAcceleration.z,gravity.x,gravity.y,gravity.z"
-    says = r"\); userAcceleration.x, .*, userAcceleration.z are without gravity, which is needed; the columns are"
-    with pytest.raises(RecordingError, match=says):
-        imported(tmp_path, f"{header}\n0,0,0,0,0,0,1\n1,0,0,0,0,0,1\n")
+@pytest.mark.parametrize(
+    ("gravity", "rest", "sign"),
+    [
+        ("gravity.{}", "userAcceleration.{}", -1),  # MotionSense: Apple's Core Motion, in g, which points down
+        ("gravity_{}(m/s^2)", "linear_acceleration_{}(m/s^2)", 1),
+    ],
+)
+def test_gravity_and_the_rest_are_added(tmp_path: Path, gravity: str, rest: str, sign: int) -> None:
+    names = [part.format(axis) for part in (gravity, rest) for axis in "xyz"]
+    g = GRAVITY if sign < 0 else 1.0
+    parts = [sign * each / g for each in (0.0, 0.0, 9.0, 0.5, 0.25, 0.75)]
+    row = ",".join(map(str, (0.1, 0.2, *parts, 1.0, 0.0, -2.0)))
+    text = f"attitude.roll,attitude.pitch,{','.join(names)},rotationRate.x,rotationRate.y,rotationRate.z\n"
+    recording = imported(tmp_path, text + 2 * f"{row}\n", rate_hz=50.0)
+    assert_allclose(recording.acc[0], [0.5, 0.25, 9.75])
+    assert_allclose(not_none(recording.gyr)[0], [1.0, 0.0, -2.0])
+    assert recording.info.source.unread[names[3]] == "added to gravity"
 
 
 HYPERIMU = """@ HyperIMU
@@ -464,6 +486,8 @@ def test_what_is_advised_for_rows_without_a_header(tmp_path: Path, row: str, adv
     [
         (2 * "a/g:\t1\t2\t3\t4\t5\t6\n", "_,ax,ay,az,gx,gy,gz --separator tab --rate HZ"),  # i2cdevlib's example
         ("IMU,5,1,2,3\nIMU,6,1,2,3\n", "_,t,ax,ay,az"),
+        ("Raw:-8,5,8154,1,2,2\nRaw:-9,6,8153,1,3,2\n", "ax,ay,az,gx,gy,gz --prefix Raw: --rate HZ"),  # Adafruit's
+        ("5,0.001,0,0,0.1,0.2,9.8\n6,0,0.002,0,0.1,0.2,9.8\n", "t,gx,gy,gz,ax,ay,az"),  # a gyro's norm scatters
         ("5,1,2,3\n0,5,0,1,2,1,2\n1,5,0,1,2,1,2\n", "t,ax,ay,az,gx,gy,gz"),  # it begins within a row
     ],
 )
@@ -614,11 +638,43 @@ def test_rows_of_two_devices_are_refused(tmp_path: Path, name: str) -> None:
     text = rows_of([0, 0, 1, 1], ["a", "b", "a", "b"], *[[1, 9, 1, 9]] * 3)
     with pytest.raises(RecordingError, match=f"rows of 2 devices .a, b. in the column '{name}'"):
         imported(tmp_path, f"t,{name},ax,ay,az\n{text}")
-    long = rows_of([0, 0, 1, 1], ["Accelerometer", "Gyroscope"] * 2, *[[1, 9, 1, 9]] * 3)  # as Sensor Logger's JSON
-    with pytest.raises(RecordingError, match=f"give its sensors columns of their own .* instead of '{name}'"):
-        imported(tmp_path, f"time,{name},x,y,z\n{long}")
     counter = rows_of(range(30), range(30), *[[1] * 30] * 3)
     assert len(imported(tmp_path, f"t,{name},ax,ay,az\n{counter}")) == 30
+
+
+@pytest.mark.parametrize("order", [("Accelerometer", "Gyroscope"), ("Gyroscope", "Accelerometer")])
+def test_a_column_may_name_the_sensor_of_each_row(tmp_path: Path, order: tuple[str, str]) -> None:
+    values = {"Accelerometer": "0.5,0.25,9.75", "Gyroscope": "1.5,0,-2", "Light": "300,,"}
+    lines = [f"{k / 100},{name},{values[name]}\n" for k in range(4) for name in (*order, "Light")]
+    recording = imported(tmp_path, "Timestamp,Sensor,X,Y,Z\n" + "".join(lines))
+    assert_allclose(recording.t, [0.0, 0.01, 0.02, 0.03])
+    assert_allclose(recording.acc, [[0.5, 0.25, 9.75]] * 4)
+    assert_allclose(not_none(recording.gyr), [[1.5, 0.0, -2.0]] * 4)
+
+
+@pytest.mark.parametrize("remark", ["// Sample rate: 120.0Hz\n", "# Config: data_rate = 120.0 Hz, filter = 42 Hz\n\n"])
+def test_the_rate_may_be_in_the_remarks(tmp_path: Path, remark: str) -> None:
+    rows = "".join(f"{k},0.5,0.25,9.75,1.5,0,-2\n" for k in range(37328, 37332))
+    recording = imported(tmp_path, f"{remark}Counter,Acc_X,Acc_Y,Acc_Z,Gyr_X,Gyr_Y,Gyr_Z\n{rows}")
+    assert_allclose(recording.t, np.arange(4) / 120.0)
+
+
+def test_gyroflow_gives_the_units_above_the_header(tmp_path: Path) -> None:
+    text = """GYROFLOW IMU LOG
+version,1.3
+orientation,YxZ
+tscale,0.001
+gscale,0.00053263221
+ascale,0.00048828125
+t,gx,gy,gz,ax,ay,az
+39,86,183,-1137,0,0,2048
+40,86,183,-1137,0,0,2048
+"""
+    recording = imported(tmp_path, text, name="run.gcsv")
+    assert_allclose(recording.t, [0.0, 0.001])
+    assert_allclose(recording.acc[0], [0.0, 0.0, GRAVITY])
+    assert_allclose(not_none(recording.gyr)[0], np.array([86, 183, -1137]) * 0.00053263221)
+    assert recording.info.source.program == "Gyroflow"
 
 
 def test_times_in_an_unknown_form_can_be_replaced_by_the_rate(tmp_path: Path) -> None:

@@ -40,16 +40,22 @@ def assert_read(recording: Recording, end: float = 0.01) -> None:
 @pytest.mark.parametrize(
     ("quantity", "unit", "factor"),
     [
-        *(("gyr", unit, DEG) for unit in ("deg/sec", "°/sec", "º/s", "degrees/second", "deg.s-1", "°·s⁻¹", "Grad/s")),
+        *(
+            ("gyr", unit, DEG)
+            for unit in ("deg/sec", "°/sec", "º/s", "degrees/second", "deg.s-1", "°·s⁻¹", "Grad/s", "d/s")
+        ),
         *(("gyr", unit, 1.0) for unit in ("rad/sec", "radians/s", "rad s^-1", "rad_per_s")),
         ("gyr", "rpm", 2.0 * np.pi / 60.0),
         ("gyr", "mrad/s", 1e-3),
         *(
             ("acc", unit, 1.0)
-            for unit in ("m/sec^2", "m/s**2", "m·s⁻²", "m.s-2", "meters/s^2", "metres/s^2", "m/(sec^2)")
+            for unit in ("m/sec^2", "m/s**2", "m·s⁻²", "m.s-2", "meters/s^2", "metres/s^2", "m/(sec^2)", "mss")
         ),
         *(("acc", unit, 9.80665) for unit in ("g's", "Gs", "g-force", "1000 milli-g")),
-        *(("mag", unit, 1.0) for unit in ("microTesla", "micro T", "uTesla", "10 milligauss", "1000 nanotesla")),
+        *(
+            ("mag", unit, 1.0)
+            for unit in ("microTesla", "microteslas", "micro T", "uTesla", "10 milligauss", "1000 nanotesla")
+        ),
         *(
             ("t", unit, factor)
             for unit, factor in (("msec", 1e-3), ("microseconds", 1e-6), ("mins", 60.0), ("Hours", 3600.0))
@@ -107,6 +113,11 @@ def test_rows_whose_cells_mostly_have_no_number_are_not_the_header(tmp_path: Pat
         "unit__timestamp[s],bmi160_a_x[m/s2],bmi160_a_y[m/s2],bmi160_a_z[m/s2],bmi160_g_x,bmi160_g_y,bmi160_g_z",
         "t,Accel Sensor X,Accel Sensor Y,Accel Sensor Z,Gyro Sensor X,Gyro Sensor Y,Gyro Sensor Z",  # Noraxon
         "t,acc[0],acc[1],acc[2],pqr[0],pqr[1],pqr[2]",  # Inertial Sense
+        "time_s,X_accel_ms2,Y_accel_ms2,Z_accel_ms2,X_gyro_rads,Y_gyro_rads,Z_gyro_rads",
+        "t,AccelX_mss,AccelY_mss,AccelZ_mss,GyroX_rads,GyroY_rads,GyroZ_rads",  # Bolder Flight
+        "time (s), accSmooth[0], accSmooth[1], accSmooth[2], gyroADC[0], gyroADC[1], gyroADC[2]",  # Betaflight
+        "t,Accelerometer (x) [m/s²],Accelerometer (y) [m/s²],Accelerometer (z) [m/s²],Gyroscope (x) [rad/s],"
+        "Gyroscope (y) [rad/s],Gyroscope (z) [rad/s]",  # gopro-telemetry
         "t,Acc X-axis,Acc Y-Axis,Acc Z axis,Gyro X-axis,Gyro Y-Axis,Gyro Z axis",
         # axes after the first without their quantity
         "time,Accel: x,y,z,AngVel: x,y,z",

@@ -53,6 +53,7 @@ PROGRAMS = (
     Program("Movella (Xsens) DOT", {"packet_counter", "sample_time_fine"}, {"t": "us", "gyr": "deg/s", "mag": "a.u."}),
     Program("Physics Toolbox", {"g_fx", "g_fy", "g_fz"}, {"acc": "g", "gyr": "rad/s", "mag": "uT"}, "phone"),
     Program("rostopic", {"field_header_stamp"}, {"t": "ns"}),
+    Program("Core Motion", {"gravity_x", "user_acceleration_x"}, {"acc": "-g"}, "phone"),
     Program("SensorLog", {"accelerometer_acceleration_x"}, {"acc": "-g"}, "phone"),
     Program(
         "SparkFun OpenLog Artemis", {"rtc_date", "rtc_time"}, {"acc": "mg", "gyr": "deg/s", "mag": "uT"}, "openlog"
@@ -61,11 +62,20 @@ PROGRAMS = (
 """Programs whose units can't be read from the names.
 
 MT Manager: SampleTimeFine of an MTi counts at 10 kHz (Xsens, Low-Level Communication Protocol). DOT: SampleTimeFine is
-in us, rates are in deg/s (Movella DOT User Manual XD0502P). SensorLog writes CoreMotion's accelerometer, which reads
--1 g on z when an iPhone lies face up (Apple, Getting raw accelerometer events). Physics Toolbox: gF is specific force
+in us, rates are in deg/s (Movella DOT User Manual XD0502P). SensorLog and Core Motion: acceleration and gravity are in
+g, -1 on z when an iPhone lies face up (Apple, Getting raw accelerometer events). Physics Toolbox: gF is specific force
 over g. ROS 1's `rostopic echo -p` prints times in ns. OpenLog Artemis: SparkFun's library of the ICM-20948 gives mg,
 deg/s, uT.
 """
+
+
+def _gyroflow(preamble: str) -> Program:
+    """Return Gyroflow's format, which gives the units of s, rad/s and g above the header, as `gscale,0.00053263`."""
+    scales = dict(re.findall(r"(?m)^([tga]scale)\s*,\s*([\d.]+(?:[eE][-+]?\d+)?)", preamble))
+    of = {"t": ("tscale", "s"), "gyr": ("gscale", "rad/s"), "acc": ("ascale", "g")}
+    return Program(
+        "Gyroflow", set(), {key: scales[scale] + unit for key, (scale, unit) in of.items() if scale in scales}
+    )
 
 
 def understand(sheet: Sheet, columns: Mapping[str, str], units: Mapping[str, str]) -> SourceColumns:
@@ -84,6 +94,8 @@ def understand(sheet: Sheet, columns: Mapping[str, str], units: Mapping[str, str
     path, header = sheet.path, sheet.header
     words = {plain(name) for name in header}
     program = next((p for p in PROGRAMS if p.header <= words and re.search(p.preamble, sheet.preamble)), None)
+    if sheet.preamble.startswith("GYROFLOW IMU LOG"):
+        program = _gyroflow(sheet.preamble)
     stems = {word[:-1] for word in words if word.endswith("_w")}  # x, y, z beside a w are a quaternion
     named = [name for name in header if plain(name)[:-1] not in stems]
     found = {ours: (name, 1.0, "its name") for ours, name in _by_name(named).items()}

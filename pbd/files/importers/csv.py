@@ -28,17 +28,19 @@ from pbd.files.importers.clock_columns import (
     unwrapped,
 )
 from pbd.files.importers.columns import PROGRAMS, remapped, scaled, understand
+from pbd.files.importers.gravity_columns import add_rest, parts_of_force
 from pbd.files.importers.grip_column import read_grip
 from pbd.files.importers.header_names import is_counter, is_time, is_time_step, own_times_of, plain, time_unit
 from pbd.files.importers.printed_lines import is_printed, printed_sheet
 from pbd.files.importers.refuse_several_devices import refuse_alternating_devices, refuse_several_devices
 from pbd.files.importers.request import Request, check_rate
+from pbd.files.importers.rows_of_sensors import with_columns_for_each_sensor
 from pbd.files.importers.ximu3 import INERTIAL, files_of_ximu3, magnetometer_beside
 from pbd.files.table import Sheet, Table, foreign_text, open_sheet
 from pbd.io.numbers import is_stamp
 from pbd.pose import Array
 
-TEXT = (".csv", ".txt", ".tsv", ".log", ".lvm")
+TEXT = (".csv", ".txt", ".tsv", ".log", ".lvm", ".gcsv")
 
 
 def read_csv(request: Request) -> Demonstration | None:
@@ -58,9 +60,14 @@ def read_csv(request: Request) -> Demonstration | None:
     given = {ours: name for ours, name in request.columns.items() if ours not in request.beside}
     text = foreign_text(path, files[path.stem]() if files else None)
     sheet, rate_hz = _opened(replace(request, path=path), given, text)
+    sheet = with_columns_for_each_sensor(sheet)
     units = request.units if rate_hz is None else {"t": "s", **request.units}  # of times that are not read
     refuse_several_devices(sheet)
     found, in_steps = _understood(sheet, given, units, rate_hz)
+    parts = parts_of_force(sheet.header, found)
+    if parts:
+        given = {**given, **{ours: gravity for ours, (gravity, _) in parts.items()}}
+        found, in_steps = _understood(sheet, given, units, rate_hz)
     _refuse_missing(sheet, found, rate_hz)
     refuse_alternating_devices(sheet, found)
     if found.of("t"):
@@ -70,6 +77,12 @@ def read_csv(request: Request) -> Demonstration | None:
     understood, magnetometer = magnetometer_beside(path, files, found, units)
     with np.errstate(all="ignore"):  # infinite values are repaired later, like other invalid samples
         channels = {channel: scaled(table, found, channel) for channel in CHANNELS if found.of(channel)}
+        if parts:
+            channels["acc"] = add_rest(sheet, channels["acc"], found, parts)
+            for gravity, rest in parts.values():
+                understood = understood.with_column(gravity, named_by="its name").with_unread(
+                    {rest: "added to gravity"}
+                )
         for channel in {"angle", "rpy"} & channels.keys():  # WitMotion leaves an output that is off empty
             if not np.isfinite(channels[channel]).any():
                 empty = dict.fromkeys((column.name for column in understood.of(channel)), "no number in any row")
@@ -108,9 +121,14 @@ def _opened(request: Request, columns: Mapping[str, str], text: str) -> tuple[Sh
     """Open a table, or convert printed lines to one. Return it and its rate: the caller's, or that of its remarks."""
     path, rate_hz = request.path, request.rate_hz
     sheet = printed_sheet(path, text) if is_printed(text) else open_sheet(path, foreign=True, text=text)
-    of_remarks = re.search(r"(?im)^\W*update rate\s*:\s*([\d.]+)\s*hz", sheet.preamble)  # MT Manager's
-    if rate_hz is None and of_remarks and not any(map(is_time, sheet.header)) and not {"t", "dt"} & {*columns}:
-        rate_hz = float(of_remarks[1])
+    of_remarks = {float(rate) for rate in re.findall(r"(?i)rate\W{1,3}(\d+\.?\d*)\s?hz", sheet.preamble)}
+    if (
+        rate_hz is None
+        and len(of_remarks) == 1
+        and not any(map(is_time, sheet.header))
+        and not {"t", "dt"} & {*columns}
+    ):
+        (rate_hz,) = of_remarks
     if rate_hz is not None:
         check_rate(path, rate_hz, "the rate is")
     unit = request.units.get("t") or ("s" if rate_hz is not None else "")

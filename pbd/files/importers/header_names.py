@@ -22,9 +22,10 @@ _WORDS = {
 _CHIP = r"_(?!std|var|rms|mean|avg|max|min|raw|bias|lin)[a-z]{1,4}\d[a-z\d]{2,}(?:_[a-z])?"
 """A chip after a quantity or an axis: HyperIMU's `gyroscope_lsm6ds3_c.x`, `ax_mpu6050`; `ax_std100` is a statistic."""
 
-_PART = rf"(?P<number>\d?)(?:_(?:ln|wr|ag|data|sensor|cal|calibrated|corrected|rs_s|rad|m_s2))*(?P<chip>{_CHIP})?"
-"""Suffixes of a quantity: a number, the part (Shimmer has a low-noise and a wide-range accelerometer), `calibrated`, a
-frame (EuRoC), the SI unit (PX4), and the chip."""
+_SUFFIX = "_(?:ln|wr|ag|data|sensor|adc|cal|calibrated|corrected|smooth|rs_s|rad|m_s2)"
+_PART = rf"(?P<number>\d?)(?:{_SUFFIX})*(?P<chip>{_CHIP})?"
+"""Suffixes of a quantity: a number, the part (Shimmer has a low-noise and a wide-range accelerometer), `calibrated`,
+Betaflight's `gyroADC` and `accSmooth`, a frame (EuRoC), the SI unit (PX4), and the chip."""
 
 _NUMBERED = r"(?P<numbered>[a-z]+\d+_)?"
 """A device before a quantity, as in `s1_ax` and `bmi160_a_x`."""
@@ -110,22 +111,28 @@ def plain(name: str) -> str:
 def split_unit(name: str) -> tuple[str, str]:
     """Split off the unit, "" if there is none: `Gyroscope X (deg/s)` -> `Gyroscope X`, `deg/s`.
 
-    It may follow ` / `, ` in `, a comma or an axis too (`accel_x_mps2`), and a slash if it is known (`a_x/g`). An index
-    is an axis: `gyro_rad[0]` -> `gyro_rad_x`.
+    It may follow ` / `, ` in `, a comma or an axis too (`accel_x_mps2`), and a slash or an underscore if it is known
+    (`a_x/g`, `X_gyro_dps`). An index is an axis: `gyro_rad[0]` -> `gyro_rad_x`, `Gyroscope (z) [rad/s]` ->
+    `Gyroscope_z`, `rad/s`.
     """
-    name = re.sub(r"\[([012])\]$", lambda index: "_" + "xyz"[int(index[1])], name.strip())
+    name = re.sub(r"\s*[\[(]([012xyzXYZ])[\])](?=$|\s*[\[(])", _index, name.strip())
     if separated := re.fullmatch(r"(.*\w)(?: (?:/|in) |, ?)(?![xyzXYZ]$)(\S*)", name):
         return separated[1], separated[2]
     opening = max(name.rfind(" ("), name.rfind("[")) if name.endswith("))") else max(name.rfind("("), name.rfind("["))
     if opening < 0 or not name.endswith((")", "]")):
-        suffix = re.fullmatch(r"(.+[xyzXYZ])_([a-zA-Z].*)", name)
-        slashed = re.fullmatch(r"([^/]+)/(.+)", name)
-        of_time = ("t",) if slashed and re.fullmatch(_TIME, slashed[1].lower()) else ()
-        for match in filter(None, (suffix, slashed)):
-            if any(unit_factor(quantity, match[2]) for quantity in ("acc", "gyr", "mag", "angle", *of_time)):
-                return match[1], match[2]
+        slash = name.find("/", 1)
+        of_time = ("t",) if slash > 0 and re.fullmatch(_TIME, name[:slash].lower()) else ()
+        behind = [found.start() for found in re.finditer("_(?=[a-zA-Z])", name)]
+        behind = [k for k in behind if re.search("(?<=.)[xyzXYZ]$|^[xyzXYZ]_.", name[:k])]
+        for k in [*behind, *[slash] * (slash > 0)]:
+            if any(unit_factor(quantity, name[k + 1 :]) for quantity in ("acc", "gyr", "mag", "angle", *of_time)):
+                return name[:k], name[k + 1 :]
         return name, ""
     return name[:opening].rstrip(), name[opening:].strip()[1:-1].strip()
+
+
+def _index(found: re.Match[str]) -> str:
+    return "_" + {"0": "x", "1": "y", "2": "z"}.get(found[1], found[1])
 
 
 def is_time(name: str) -> bool:

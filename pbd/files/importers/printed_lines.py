@@ -9,6 +9,8 @@ They have no header. A serial monitor or `cat` saves a sketch's lines. Examples:
     AX:0.12 AY:-0.33 AZ:0.98
     Gyro (dps): 0.12, -0.33, 0.98                        the axes in a row, also in tabs, bars or brackets
     Scaled. Acc (mg) [ 00012.21, ...], Gyr (DPS) [ ...   SparkFun's ICM-20948 library
+    Acceleration:                                        Adafruit's BNO08x library
+    X: 0.12  Y: -0.33 Z: 9.83  m/s^2
     >ax:1234:0.12                                        Teleplot, with or without its time in ms
     I (1234) imu: ax=0.12 ay=-0.33 az=0.98               ESP-IDF's log
     12:34:56.789 -> ax: 0.12 ...                         with the times of Arduino's serial monitor
@@ -45,6 +47,9 @@ _TIMES = (
     (r"(?:\x1b\[[\d;]*m)?[EWIDV] \((\d+)\) [^:]{1,40}: ", rf"{_LOGGED}:\1 "),
 )
 """Beginnings of the lines of Teleplot and of ESP-IDF's log, with a time in ms, and what replaces them."""
+
+_HEADING = re.compile(r"\s*([A-Za-z][\w ./()\[\]^°-]{0,40}):\s*")
+"""A line that is only a name, whose axes are in the next ones."""
 
 _KEY = re.compile(r"( *)(\w+):(.*)")
 _STAMP = re.compile(r"\s*(?:\[([^\]]{8,40})\]|(\w[\w :.,/-]{7,39}?)\s*->|(\d\S{7,30}(?: [\d:.,]{8,20})?)(?=\s))\s*")
@@ -93,9 +98,12 @@ def _printed_samples(text: str) -> tuple[list[dict[str, str]], dict[str, str]]:
     """Return each sample's numbers by their names, and the units of the names that have one."""
     samples: list[dict[str, str]] = [{}]
     units: dict[str, str] = {}
+    word = ""
     for line in (line[:LONGEST_LINE] for line in text.split("\n")):
         stamp, rest = _stamped(line)
-        pairs = _pairs(rest)
+        if heading := _HEADING.fullmatch(rest):
+            word = heading[1]
+        pairs = _pairs(rest, word)
         if any(name in samples[-1] for name, *_ in pairs if name != _LOGGED):
             samples.append({})
         if stamp and pairs:
@@ -134,12 +142,14 @@ def _stamped(line: str) -> tuple[str, str]:
     return (stamp, line[found.end() :]) if found and is_stamp(stamp) and _FINE.search(stamp) else ("", line)
 
 
-def _pairs(line: str) -> list[tuple[str, str, str]]:
+def _pairs(line: str, word: str = "") -> list[tuple[str, str, str]]:
     """Return names, numbers, units ("": none).
 
-    A bare X, Y or Z gets the word before it: `Rotation X: 1, Y: 2`. Three numbers after a name are its axes.
+    A bare X, Y or Z gets the word before it: `Rotation X: 1, Y: 2`, at first `word`. Three numbers after a name are its
+    axes.
     """
-    found, word, its_unit = [], "", ""
+    found = []
+    word, its_unit = split_unit(word)
     for beginning, named in _TIMES:
         line = re.sub(rf"\A{beginning}", named, line)
     for name, x, y, z, value, unit in _PAIR.findall(line[:LONGEST_LINE]):

@@ -1,0 +1,40 @@
+"""A row for each reading of one sensor, which a column names, as phones write: `1.25,gyroscope,0.1,0.2,0.3`."""
+
+import csv
+import io
+from dataclasses import replace
+
+from pbd.files.importers.header_names import is_time, our_name, plain
+from pbd.files.importers.refuse_several_devices import MOST_DEVICES
+from pbd.files.table import Sheet
+
+
+def with_columns_for_each_sensor(sheet: Sheet) -> Sheet:
+    """Give each sensor columns of its own, if a column names the sensor and others are its bare axes.
+
+    `t,sensor,x,y,z` becomes `t,gyroscope x,...,accelerometer x,...`; a row's other cells are empty.
+    """
+    axes = [k for k, name in enumerate(sheet.header) if plain(name) in ("x", "y", "z")]
+    others = [k for k, name in enumerate(sheet.header) if k not in axes and not is_time(name)]
+    for k in others if len(axes) == 3 else ():
+        sensors = [word for word in dict.fromkeys(sheet.words(sheet.header[k])) if word]
+        known = {ours[0] for word in sensors if (ours := our_name(f"{word} x"))}
+        if len(sensors) <= MOST_DEVICES and {"ax", "gx"} <= known:
+            break
+    else:
+        return sheet
+    kept = [i for i in range(len(sheet.header)) if i not in (k, *axes)]
+    header = [sheet.header[i] for i in kept] + [f"{word} {sheet.header[i]}" for word in sensors for i in axes]
+    body = io.StringIO()
+    writer = csv.writer(body, delimiter=sheet.delimiter, lineterminator="\n")
+    for row in csv.reader(io.StringIO(sheet.body), delimiter=sheet.delimiter):
+        if len(row) != len(sheet.header):
+            writer.writerow(row)  # is refused with its line
+            continue
+        cells = [row[i] for i in kept] + [""] * (len(axes) * len(sensors))
+        word = row[k].strip()
+        if word in sensors:
+            at = len(kept) + len(axes) * sensors.index(word)
+            cells[at : at + len(axes)] = [row[i] for i in axes]
+        writer.writerow(cells)
+    return replace(sheet, header=tuple(header), body=body.getvalue())
