@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pbd.data.source_columns import IMU_CSV, SourceColumns
-from pbd.data.units import DEG
+from pbd.data.units import DEG, unit_factor
 from pbd.pose import Array
 from pbd.tracking.repair.axis_mappings import AXIS_MAPPINGS, AxisMapping
 
@@ -38,11 +38,11 @@ AS_GOOD_DEG = 4.0
 """Readings whose angle is within this (degrees) of the best fit equally well."""
 
 UNITS = (
-    (DEG, "its values are in deg/s; import the file with --unit gyr=deg/s"),
-    (1.0 / DEG, "its values were in rad/s, but were read as deg/s; import the file with --unit gyr=rad/s"),
-    (1e-3 * DEG, "its values are in mdeg/s; import the file with --unit gyr=mdeg/s"),
+    (DEG, "rad/s", "its values are in deg/s; import the file with --unit gyr=deg/s"),
+    (1.0 / DEG, "deg/s", "its values were in rad/s, but were read as deg/s; import the file with --unit gyr=rad/s"),
+    (1e-3 * DEG, "rad/s", "its values are in mdeg/s; import the file with --unit gyr=mdeg/s"),
 )
-"""Factor that corrects a gyro in a wrong unit, and the advice."""
+"""Factor that corrects a gyro in a wrong unit, the unit as which it was read, and the advice."""
 
 FACTORS, CLEAR_FACTOR = 1.05 ** np.arange(-60, 61), 1.5
 """Factors on the gyro that are tried, from 1/19 to 19. (Beyond them, turns by whole circles fit by chance.)
@@ -214,7 +214,10 @@ class _Search:
         """Find a unit of the gyro that leaves gravity off by less than that."""
         # Where gravity hardly turns, any factor that stops the gyro removes the contradiction.
         order = "gx, gy, gz are in another order (gravity turns too little to tell), or "
-        for factor, what in UNITS:
+        read_as = next((unit_factor("gyr", column.unit) for column in self._source.of("gyr")), None)
+        for factor, unit, what in UNITS:
+            if read_as not in (None, unit_factor("gyr", unit)):
+                continue
             fit = self._fit_of(factor)
             if fit < min(self.off[0] / IMPROVEMENT, better_than_deg):
                 return self._of_gravity(fit, what if 0 in self.counted else order + what)
