@@ -136,6 +136,25 @@ def test_names_of_axes(tmp_path: Path, header: str) -> None:
     assert_read(read(tmp_path, table(header)))
 
 
+def test_the_rate_below_a_unit_is_no_unit(tmp_path: Path) -> None:
+    """Delsys' Trigno Discover 1.5."""
+    header = "EMG 1 (mV), ACC X (G), ACC Y (G), ACC Z (G), GYRO X (deg/s), GYRO Y (deg/s), GYRO Z (deg/s)"
+    rates = "1259.2593 Hz" + 6 * ", 148.1481 Hz"
+    got = read(tmp_path, table(f"{header}\n{rates}"), rate_hz=148.1481)
+    assert_allclose(got.acc[0], np.multiply(ACC, 9.80665))
+    assert_allclose(not_none(got.gyr)[0], np.multiply(GYR, DEG))
+
+
+def test_devices_may_be_above_the_quantities_and_a_first_column_without_a_name_can_be_named(tmp_path: Path) -> None:
+    """pandas writes an index and columns of two levels so; gaitmap's example data."""
+    axes = ",".join(2 * ["acc_x,acc_y,acc_z,gyr_x,gyr_y,gyr_z"])
+    row = ",".join(map(str, 2 * (*ACC, *GYR)))
+    text = f"{6 * ',left_sensor'}{6 * ',right_sensor'}\n,{axes}\n0,{row}\n0.01,{row}\n"
+    with pytest.raises(RecordingError, match=r"the columns are column 1, left_sensor acc_x, .* --column t=NAME"):
+        read(tmp_path, text)
+    assert_read(import_file(tmp_path / "run.csv", {"t": "column 1"}).recording)
+
+
 def test_a_unit_after_a_slash_is_known(tmp_path: Path) -> None:
     got = read(tmp_path, table("t/µs,a_x/g,a_y/g,a_z/g,w_x/dps,w_y/°/s,w_z/deg/s", (0, 10000)))
     assert_allclose((got.t[-1], *got.acc[0]), (0.01, *(9.80665 * np.array(ACC))))

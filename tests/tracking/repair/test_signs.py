@@ -363,6 +363,16 @@ def test_the_unit_of_the_gyro_is_named(per_rad: float, advice: str) -> None:
     assert found.message.endswith(f"; import the file with --unit gyr={advice}")
 
 
+def test_the_unit_that_was_given_is_not_advised() -> None:
+    """A walk at half its rate, with --unit gyr=deg/s, was told to give --unit gyr=deg/s."""
+    up, turns = np.tile((0.0, 0.0, 1.0), (20, 1)), np.random.default_rng(0).uniform(-0.8, 0.8, (20, 3))
+    columns = tuple(Column(f"gyr_{axis}", f"g{axis}", 1.0, "deg/s", "its name", "--unit") for axis in "xyz")
+    witness = Witness("a", up, quat_rotate(quat_exp(turns), up))
+    by_gyro = np.degrees(turns)
+    found = find_axis_error([witness], lambda k: quat_to_matrix(quat_exp(k * by_gyro)), SourceColumns(columns))
+    assert found is None or "gyr=deg/s" not in found.message
+
+
 @pytest.mark.parametrize(("factor", "told"), [(1.4, False), (1.6, True), (1.0 / 1.4, False), (1.0 / 1.6, True)])
 def test_a_gyro_that_turns_half_as_far_again_may_have_been_cut_off(factor: float, told: bool) -> None:
     turns = np.random.default_rng(0).uniform(-1.5, 1.5, (20, 3))
