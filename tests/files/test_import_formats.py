@@ -657,6 +657,8 @@ def test_the_rate_may_be_in_the_remarks(tmp_path: Path, remark: str) -> None:
     rows = "".join(f"{k},0.5,0.25,9.75,1.5,0,-2\n" for k in range(37328, 37332))
     recording = imported(tmp_path, f"{remark}Counter,Acc_X,Acc_Y,Acc_Z,Gyr_X,Gyr_Y,Gyr_Z\n{rows}")
     assert_allclose(recording.t, np.arange(4) / 120.0)
+    dated = "".join(f"10:00:00.{k}5,0.5,0.25,9.75\n" for k in range(3))
+    assert_allclose(imported(tmp_path, f"{remark}Recorded,Acc_X,Acc_Y,Acc_Z\n{dated}").t, [0.0, 0.1, 0.2], atol=1e-9)
 
 
 def test_gyroflow_gives_the_units_above_the_header(tmp_path: Path) -> None:

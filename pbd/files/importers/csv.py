@@ -121,13 +121,10 @@ def _opened(request: Request, columns: Mapping[str, str], text: str) -> tuple[Sh
     """Open a table, or convert printed lines to one. Return it and its rate: the caller's, or that of its remarks."""
     path, rate_hz = request.path, request.rate_hz
     sheet = printed_sheet(path, text) if is_printed(text) else open_sheet(path, foreign=True, text=text)
-    of_remarks = {float(rate) for rate in re.findall(r"(?i)rate\W{1,3}(\d+\.?\d*)\s?hz", sheet.preamble)}
-    if (
-        rate_hz is None
-        and len(of_remarks) == 1
-        and not any(map(is_time, sheet.header))
-        and not {"t", "dt"} & {*columns}
-    ):
+    sampling = r"(?i)(?:update|sampl\w+|data|output)[ _]?rate\W{1,3}(\d+\.?\d*)\s?hz"
+    of_remarks = set(map(float, re.findall(sampling, sheet.preamble)))
+    timed = any(map(is_time, sheet.header)) or {"t", "dt"} & {*columns} or (of_remarks and dated_column(sheet))
+    if rate_hz is None and len(of_remarks) == 1 and not timed:
         (rate_hz,) = of_remarks
     if rate_hz is not None:
         check_rate(path, rate_hz, "the rate is")
