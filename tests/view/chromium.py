@@ -10,7 +10,6 @@ from selenium.webdriver.chrome.service import Service
 OPTIONS = (
     "--headless=new",
     "--no-sandbox",
-    "--disable-gpu",
     "--use-angle=swiftshader",
     "--enable-unsafe-swiftshader",
     "--enable-webgl",

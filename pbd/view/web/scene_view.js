@@ -106,7 +106,7 @@ class SceneView {
     this.fill([width, height], [panel && width > 640 ? panel.left : width, bar ? bar.top : height]);
   }
 
-  // Draws the scene for paper: what is drawn now is printed.
+  // Draws the scene for paper. What is printed is a copy: Chromium with a graphics card prints an empty WebGL canvas.
   print() {
     if (!this.surroundings) return;
     this.printing = true;
@@ -114,6 +114,11 @@ class SceneView {
     this.surroundings.disc.visible = false; // dark on a dark page, but paper is white
     this.quality.draw(this.viewer.scene, this.camera, 2, true);
     this.surroundings.disc.visible = true;
+    const { domElement } = this.quality.renderer;
+    const copy = domElement.cloneNode();
+    copy.getContext("2d").drawImage(domElement, 0, 0);
+    domElement.replaceWith(copy);
+    window.addEventListener("afterprint", () => copy.replaceWith(domElement), { once: true });
     this.placeLabels();
   }
 
