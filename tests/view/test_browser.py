@@ -263,6 +263,22 @@ def test_labels_stay_near_their_keyframes(replay: Replay) -> None:
     assert current
 
 
+def test_labels_of_one_point_stay_in_the_window(replay: Replay) -> None:
+    left, right = replay("""
+        const { stage, keyframes, replay } = pbd.page, old = [...element("labels").children];
+        const many = Array.from({ length: 100 }, (_, i) => make("button", String(i)));
+        element("labels").replaceChildren(...many);
+        stage.label(many, many.map(() => replay.keyframes[0].p));
+        stage.placeLabels();
+        const shown = many.filter(({ style }) => style.visibility === "visible").map((b) => b.getBoundingClientRect());
+        const found = [Math.min(...shown.map((box) => box.left)), Math.max(...shown.map((box) => box.right))];
+        element("labels").replaceChildren(...old);
+        stage.label(keyframes.labels, replay.keyframes.map((k) => k.p));
+        stage.placeLabels();
+        return found;""")
+    assert 0 < left < right < 1200
+
+
 def test_the_subtitle_has_the_largest_share_of_a_torque_limit(replay: Replay) -> None:
     assert replay.read("#subtitle").replace("\u00a0", " ").endswith(" \u00b7 torques up to 67 % of the limits")
 
@@ -324,9 +340,34 @@ def test_all_controls_have_an_accessible_name(replay: Replay) -> None:
     assert {node["role"]["value"] for node in controls} == CONTROLS
     for node in controls:
         assert node["name"]["value"].strip(), node
+    assert "uncertainty, 2 \u03c3" in [node["name"]["value"] for node in controls]  # without the button beside it
     assert replay.browser.find_element(By.ID, "play").accessible_name == "Play"
     value = replay.browser.find_element(By.ID, "seek").get_attribute("aria-valuetext")
     assert value == "0.00 seconds, at keyframe 0: dock"
+
+
+def test_the_keyboard_comes_to_the_player_first(replay: Replay) -> None:
+    """Long tables have a button for each keyframe."""
+    replay("document.body.tabIndex = -1; document.body.focus(); document.body.removeAttribute('tabindex')")
+    press(replay, Keys.TAB)
+    assert replay("return document.activeElement.id") == "previous"
+
+
+def test_the_head_of_the_table_covers_no_focused_keyframe(replay: Replay) -> None:
+    """In a small window the panel scrolls, in a large one the list."""
+    covered = """
+        const { top } = document.activeElement.getBoundingClientRect();
+        return document.querySelector("#keyframes th").getBoundingClientRect().bottom - top;"""
+    try:
+        for width, height in ((1000, 500), (1000, 650)):
+            replay.browser.set_size(width, height)
+            replay("pbd.page.fold('joints', innerHeight < 560); pbd.page.fold('panel', false)")
+            replay("document.querySelector('#keyframes tr:last-child button').focus()")
+            for _ in range(7):
+                ActionChains(replay.browser).key_down(Keys.SHIFT).send_keys(Keys.TAB).key_up(Keys.SHIFT).perform()
+                assert replay(covered) <= 0, f"{width} x {height}"
+    finally:
+        replay.browser.set_size()
 
 
 LAID_OUT = """
@@ -509,6 +550,10 @@ def test_the_scene_turns_and_is_framed_again(replay: Replay) -> None:
     before = replay(angle)
     press(replay, "e")
     assert np.degrees(replay(angle) - before) == pytest.approx(15.0)
+    distance = "const { camera, viewer } = pbd.page.stage; return camera.position.distanceTo(viewer.controls.target)"
+    far = replay(distance)
+    press(replay, "+")
+    assert replay(distance) == pytest.approx(0.8 * far)
     press(replay, "v")
 
 

@@ -27,7 +27,7 @@ class Legend {
   }
 
   row(name, text, look, ...more) {
-    const box = make("input", "", { type: "checkbox", checked: true, onchange: () => this.reveal(name, box.checked) });
+    const box = make("input", "", { type: "checkbox", checked: true, ariaLabel: text, onchange: () => this.reveal(name, box.checked) });
     const row = make("label", "", { title: text }); // a long one is cut off
     row.style.setProperty("--look", look);
     row.append(box, make("span", text), ...more);

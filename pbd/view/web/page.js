@@ -95,7 +95,8 @@ class Page {
     const step = (direction) => () => player.step(direction);
     const frame = (direction) => () => { player.pause(); player.seek(player.time + direction / this.replay.rate); };
     const loop = () => { player.loop = !player.loop; player.show(); };
-    const turn = (direction) => () => stage.turn((direction * Math.PI) / 12);
+    const turn = (direction) => () => stage.move((direction * Math.PI) / 12, 1);
+    const zoom = (times) => () => stage.move(0, times);
     const view = () => stage.frame(this.replay.bounds);
     const [panel, joints] = ["panel", "joints"].map((id) => () => this.fold(id));
     const full = () => (document.fullscreenElement ? document.exitFullscreen() : document.documentElement.requestFullscreen());
@@ -111,6 +112,7 @@ class Page {
       ["slower, faster", { "<": () => player.faster(-1), ">": () => player.faster(1) }],
       ["repeat", { r: loop }],
       ["turn the scene", { q: turn(-1), e: turn(1) }],
+      ["closer, farther", { "+": zoom(0.8), "-": zoom(1.25) }],
       ["whole scene", { v: view }],
       ["joints, details", { g: joints, d: panel }],
       ["full screen", { f: full }],

@@ -162,11 +162,12 @@ class SceneView {
     controls.enableDamping = true;
   }
 
-  // Turns the camera about the vertical through its target, as a drag does.
-  turn(radians) {
+  // Turns the camera about the vertical through its target and multiplies its distance, as a drag and a wheel do.
+  move(radians, times) {
     this.framed = false;
     const { controls } = this.viewer;
-    this.camera.position.sub(controls.target).applyAxisAngle(this.camera.up, radians).add(controls.target);
+    const offset = this.camera.position.sub(controls.target).applyAxisAngle(this.camera.up, radians);
+    offset.multiplyScalar(times).add(controls.target);
     controls.update();
     this.viewer.set_dirty();
   }
@@ -191,7 +192,7 @@ class SceneView {
       element.style.visibility = Math.abs(seen.z) < 1 ? "visible" : "hidden";
       const above = element.matches("i") ? 0 : 22; // the name of an axis stands at its tip
       const [x, y] = [(0.5 + 0.5 * seen.x) * width, (0.5 - 0.5 * seen.y) * height - above];
-      let row = rows.find((each) => Math.hypot(each.x - x, each.y - y) < SceneView.together_px);
+      let row = rows.find((each) => each.width < width / 2 && Math.hypot(each.x - x, each.y - y) < SceneView.together_px);
       if (!row) rows.push((row = { x, y, width: 0, elements: [] }));
       row.elements.push(element);
       row.width += widths.get(element) + 1;
