@@ -138,6 +138,16 @@ def test_help_lists_the_keys(replay: Replay) -> None:
     assert not replay("return document.getElementById('help').open")
 
 
+def test_help_begins_at_its_top_in_a_small_window(replay: Replay) -> None:
+    try:
+        replay.browser.set_size(800, 300)
+        press(replay, "?")
+        assert replay("return element('help').scrollTop") == 0
+        press(replay, Keys.ESCAPE)
+    finally:
+        replay.browser.set_size()
+
+
 def test_a_click_on_a_keyframe_goes_there(replay: Replay, scene: ReplayScene) -> None:
     rows = replay.browser.find_elements(By.CSS_SELECTOR, "#keyframes tbody tr")
     cells = replay("""return [...document.querySelectorAll("#keyframes tbody tr")].map((row) =>
