@@ -67,7 +67,7 @@ def warn_about_motion(motion: Motion, retreat_hit: Hit | None) -> None:
     moves = [*motion.segments, motion.retreat] if motion.retreat else motion.segments
     for i, move in enumerate(moves):
         if move.kind == DETOUR and move.avoided is not None:
-            where = f"from {i - 1} to {i}" if i > 0 else "on its way to keyframe 0"
+            where = f"between keyframes {i - 1} and {i}" if i > 0 else "on its way to keyframe 0"
             where = "on its way back" if i == len(motion.q) else where
             warn(f"{where} the arm goes around {move.avoided.second}: --no-detour forbids that")
     if retreat_hit is not None:

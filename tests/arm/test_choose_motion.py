@@ -237,7 +237,7 @@ def test_without_a_hands_path_a_line_is_tried() -> None:
 
 def test_a_detour_is_the_same_each_time_and_is_warned_of(around: tuple[Motion, list[object]]) -> None:
     """Neither other configurations nor a line avoid the plate; earlier plans do not change the result."""
-    with pytest.warns(PbdWarning, match="^from 0 to 1 the arm goes around the plate: --no-detour forbids that$"):
+    with pytest.warns(PbdWarning, match="^between keyframes 0 and 1 the arm goes around the plate: --no-detour"):
         again = chosen((LEFT, RIGHT), PLATE, approach=False)
     assert kinds(again) == [STRAIGHT, DETOUR]
     assert again.segments[1].q.tobytes() == around[0].segments[1].q.tobytes()
@@ -425,7 +425,7 @@ def test_a_joint_that_a_direct_move_would_lead_beyond_its_limit_starts_a_whole_t
     assert all(segment.wide is None for segment in found.segments)
 
 
-@pytest.mark.filterwarnings("ignore:from 0 to 1 the arm goes around the wall")
+@pytest.mark.filterwarnings("ignore:between keyframes 0 and 1 the arm goes around the wall")
 @pytest.mark.parametrize(("size", "around"), [((0.3, 0.03, 0.4), True), ((0.6, 0.03, 0.6), False)])
 def test_a_detour_is_made_instead_of_a_wide_move_if_it_is_shorter(size: tuple[float, ...], around: bool) -> None:
     """An ur5 has to pass a wall. Straight it can do so only with its elbow flipped: the tool leaves its line widely."""
