@@ -388,6 +388,8 @@ def test_the_smaller_margin_is_used_with_a_warning_if_nothing_else_is_free(highe
     ):
         found, _ = asked((LEFT, RIGHT), plate(low + higher_m), approach=False)
     assert isinstance(found, Motion)
+    barred = refused((LEFT, RIGHT), [*plate(low + higher_m), *WALL], approach=False, detour=False)
+    assert barred.error.fields["keyframe"] == 1  # by the wall, not by the plate that is only near keyframe 0
 
 
 def test_a_detour_is_searched_for_before_distant_configurations() -> None:
