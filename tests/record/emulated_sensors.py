@@ -203,6 +203,8 @@ class Device:
 
     def pull_once_heard(self) -> None:
         """Pull the plug once all bytes have been read. Serves as the recording's `poll`."""
+        if self._pulled.is_set():
+            return
         if self._sent.is_set() and not int.from_bytes(ioctl(self._slave, FIONREAD, bytes(4)), sys.byteorder):
             self._asked += 1
         if self._asked > ROUNDS:
