@@ -23,7 +23,7 @@ class PbdError(Exception):
     exit_code: ClassVar[int] = 1
 
     def __init__(self, message: str, **fields: object) -> None:
-        self.message = one_line(message)
+        self.message: str = one_line(message)
         self.fields: dict[str, Any] = fields
         super().__init__(self.message)
 

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
+from threading import Barrier
 from typing import Any, cast
 
 import numpy as np
@@ -33,6 +34,7 @@ from pbd.errors import (
     collected_warnings,
     warn,
 )
+from pbd.lazy import cached_property
 from pbd.planning import PlanOptions, plan_keyframes
 from pbd.pose import Pose
 
@@ -227,6 +229,19 @@ def test_each_thread_plans_with_an_arm_of_its_own() -> None:
         theirs = pool.submit(arm_of, robot).result()
     assert theirs is not arm_of(robot)
     assert arm_of(robot) is arm_of(robot)
+
+
+def test_threads_do_not_wait_for_each_others_values() -> None:
+    """A process forked while a thread held the one lock of functools' property in Python 3.11 never ended."""
+    both = Barrier(2, timeout=10.0)
+
+    class Value:
+        @cached_property
+        def computed(self) -> int:
+            return both.wait()
+
+    with ThreadPoolExecutor(2) as pool:
+        assert sorted(pool.map(lambda value: value.computed, (Value(), Value()))) == [0, 1]
 
 
 def test_a_warning_names_the_line_of_the_program_that_called_pbd() -> None:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 PACKAGE = Path(__file__).parent.parent / "pbd"
 RUNGS = (
-    ("errors",),
+    ("errors", "lazy"),
     ("frozen_arrays", "pose", "data", "cache", "io", "lapack", "timestamps"),
     ("sensors", "simulation", "tracking", "calibration", "arm", "audit", "files", "view"),
     ("pipeline", "track_alone", "fusion", "planning", "plots", "record", "replay", "check_demos", "driving"),

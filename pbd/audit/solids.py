@@ -1,7 +1,7 @@
 """The audit's own collision solids: convex hulls for a first test, the exact shapes where the hulls are close."""
 
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +11,7 @@ import numpy as np
 from pbd.audit.arm import AuditArm, se3
 from pbd.io.meshes import from_mesh, mesh_triangles, rounded_points
 from pbd.io.urdf import Shape, Triple, collision_shapes
+from pbd.lazy import cached_property
 from pbd.pose import Array
 
 MESH_DISTANCES_M = (2e-3, 5e-4, 1e-4)

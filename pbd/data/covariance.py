@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import partial
 
 import numpy as np
 
 from pbd.data.one_line_repr import brief, counted
 from pbd.errors import is_whole_number, require_kind
 from pbd.frozen_arrays import Frozen, readonly
+from pbd.lazy import cached_property
 from pbd.pose import Array
 
 KEYFRAMES_PER_BATCH = 32

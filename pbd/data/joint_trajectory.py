@@ -1,7 +1,6 @@
 """Values of planning: the robot's motion."""
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -9,6 +8,7 @@ from numpy.typing import ArrayLike
 from pbd.data.one_line_repr import brief, counted, span
 from pbd.errors import UsageError, is_number, require_kind
 from pbd.frozen_arrays import Frozen, freeze_arrays, numeric
+from pbd.lazy import cached_property
 from pbd.pose import Array
 
 

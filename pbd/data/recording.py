@@ -1,7 +1,6 @@
 """A sensor's recording, and the truth that is known of a simulated or optical one."""
 
 from dataclasses import dataclass, field
-from functools import cached_property
 
 import numpy as np
 
@@ -10,6 +9,7 @@ from pbd.data.one_line_repr import brief, counted, span
 from pbd.data.source_columns import IMU_CSV, SourceColumns
 from pbd.errors import require_kind
 from pbd.frozen_arrays import Frozen, freeze_arrays, numeric
+from pbd.lazy import cached_property
 from pbd.pose import Array
 from pbd.timestamps.even_times import batched_interval
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 import shlex
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from math import log
 from typing import Any
 
 from pbd.data.imu_columns import ACC, ATTITUDE, GYR, MAG
 from pbd.data.units import UNITS, unit_factor
+from pbd.lazy import cached_property
 
 RPY = ("anglex", "angley", "anglez")
 """The device's own attitude as rotations about x, y, z; the one about z counts from east to north."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
 from pathlib import Path
 
 from pbd.data.calibration import Calibration
@@ -17,6 +16,7 @@ from pbd.data.recording import GripEvent, Recording, Truth
 from pbd.data.world import GraspedObject
 from pbd.errors import WrongValueError
 from pbd.frozen_arrays import Frozen, freeze_arrays
+from pbd.lazy import cached_property
 from pbd.pose import Array
 
 DOUBTED_WEIGHT = 0.8

@@ -5,11 +5,11 @@ A take's own unknowns are in its residuals only, a device's errors in those of i
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pbd.lazy import cached_property
 from pbd.pose import Array
 
 

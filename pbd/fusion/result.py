@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -28,6 +28,7 @@ from pbd.fusion.matching import IndexByTake
 from pbd.fusion.mean_path import MeanPath, TakePath, average_paths
 from pbd.fusion.scatter import Scatter
 from pbd.fusion.takes import Take
+from pbd.lazy import cached_property
 from pbd.pose import Array, Pose, matrix_log, quat_about_z, quat_from_matrix, quat_multiply, quat_rotate, quat_to_matrix
 from pbd.tracking.estimate import relative_to_first
 from pbd.tracking.smoother import state as smoother_state

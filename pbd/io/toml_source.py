@@ -2,11 +2,11 @@
 
 import re
 from collections import Counter
-from functools import cached_property
 from pathlib import Path
 from typing import NoReturn
 
 from pbd.errors import PbdError, printable
+from pbd.lazy import cached_property
 
 DECIMAL_POINTS = "write decimal points, not commas: 0.5"
 TO_THE_TOP = "move it above the first [table]"

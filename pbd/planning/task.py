@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,6 +14,7 @@ from pbd.calibration.tool_poses import KeyframesInBase, with_table
 from pbd.calibration.touch_up import touched_poses
 from pbd.data import Calibration, GraspedObject, HandPath, Keyframe, Robot
 from pbd.errors import CalibrationError, PlanError
+from pbd.lazy import cached_property
 from pbd.planning.object_frames import place_things
 from pbd.planning.options import PlanOptions
 from pbd.pose import Array, Pose

@@ -2,13 +2,13 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
 
 from pbd.data import HandPath, Keyframe, Recording, Truth
 from pbd.data.tracking import DOUBTED_WEIGHT, Tracking
+from pbd.lazy import cached_property
 from pbd.plots.findings import Finding, find_problems, length_text, stop_names, stop_phrase
 from pbd.pose import Array, Pose, level_onto, quat_multiply, quat_rotate, quat_to_rpy
 from pbd.tracking.keyframes import keyframes_of

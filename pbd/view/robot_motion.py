@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
 from pbd.data import Robot
+from pbd.lazy import cached_property
 from pbd.pose import Array, Pose, quat_from_matrix, quat_multiply, quat_rotate
 
 FRAME_RATE_HZ = 50.0

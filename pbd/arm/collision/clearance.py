@@ -16,7 +16,6 @@ of NaN counts as a contact.
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 import pinocchio as pin
@@ -25,6 +24,7 @@ from numpy.typing import NDArray
 from pbd.arm.collision.geometry import Body, mesh_depth, mesh_distance, shape_of
 from pbd.arm.collision.motion_bounds import rates
 from pbd.arm.model import ArmModel, to_se3
+from pbd.lazy import cached_property
 from pbd.pose import Array, Pose
 
 MARGIN_M, CLOSE_M = 2.5e-3, 5e-4

@@ -7,12 +7,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 import pinocchio as pin
 
 from pbd.arm.model import ArmModel
+from pbd.lazy import cached_property
 from pbd.pose import Array
 
 PARALLEL, INTERSECTING_M = 1e-3, 1e-3

@@ -1,9 +1,9 @@
 """A live stop, and a stop under test."""
 
 from dataclasses import dataclass
-from functools import cached_property
 
 from pbd.data import Keyframe, Stop
+from pbd.lazy import cached_property
 from pbd.pose import Array, Pose
 from pbd.tracking.online.sample_repair import RepairedSample
 

@@ -1,12 +1,12 @@
 """The 48 ways to read three axes, in words and as options of `pbd import`."""
 
 from dataclasses import dataclass
-from functools import cached_property
 from itertools import permutations, product
 
 import numpy as np
 
 from pbd.data.source_columns import SourceColumns
+from pbd.lazy import cached_property
 from pbd.pose import Array
 
 

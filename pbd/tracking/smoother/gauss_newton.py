@@ -2,11 +2,11 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
 
+from pbd.lazy import cached_property
 from pbd.pose import Array, lengths
 from pbd.tracking.smoother.factors import linearise, pivot_velocity, whitener
 from pbd.tracking.smoother.knots import Problem

@@ -2,11 +2,11 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pbd.lazy import cached_property
 from pbd.pose import Array, quat_rotate, quat_to_matrix
 from pbd.tracking.first_rest import Rest
 from pbd.tracking.moving_windows import Rows, Spans, cumulative

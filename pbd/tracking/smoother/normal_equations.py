@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
 
 from pbd.lapack import lapack
+from pbd.lazy import cached_property
 from pbd.pose import Array
 
 STATE_GYR_BIAS, STATE_ACC_BIAS = slice(9, 12), slice(12, 15)

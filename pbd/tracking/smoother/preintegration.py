@@ -11,10 +11,10 @@ share one gyro frame, and the errors are bias, scale, misalignment and lag.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
+from pbd.lazy import cached_property
 from pbd.pose import Array, cross, quat_cumulative, quat_exp, quat_rotate, quat_to_matrix, skew
 from pbd.tracking.moving_windows import Rows, cumulative
 
