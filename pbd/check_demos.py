@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from pbd.data import Calibration, Robot
+from pbd.data.one_line_repr import brief, counted
 from pbd.errors import PbdError, WrongTypeError, WrongValueError, collected_warnings, is_whole_number, require_kind
 from pbd.files.demo import load_demo
 from pbd.fusion.matching import MATCH_M
@@ -57,6 +58,10 @@ class DemoCheck:
     motion_s: float = np.nan
     refused: str = ""
     differs: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        stopped = "" if self.usable else self.remarks[0]
+        return brief(self, stopped or counted(len(self.remarks), "remark") or "nothing to remark", name=self.name)
 
     @property
     def usable(self) -> bool:
@@ -106,12 +111,14 @@ def check_all(
 
     if isinstance(demos, str | Path):
         raise WrongTypeError(f"check_all takes a list of demonstrations: check_all([{str(demos)!r}])")
-    require_kind("demos", demos, "a list of demonstrations' names", isinstance(demos, Iterable))
+    given = list(demos) if isinstance(demos, Iterable) else [demos]
+    valid = all(isinstance(name, str | Path) for name in given)
+    require_kind("demos", demos, "a list of demonstrations' names", valid)
     require_kind("jobs", jobs, "a whole number", jobs is None or is_whole_number(jobs))
     if jobs == 0:
         raise WrongValueError("jobs must be 1 or more, or -1 for one process per core, got 0", value=jobs)
     arm = None if robot is None else load_robot_and_calibration(robot)
-    names = list(map(str, demos))
+    names = list(map(str, given))
     jobs = None if jobs is None else min(jobs, len(names) or 1)  # joblib starts as many processes as it is told
     found: list[DemoCheck] = []
     try:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pbd.errors import WrongValueError
+from pbd.errors import WrongValueError, require_kind
 from pbd.frozen_arrays import Array as Array
 from pbd.frozen_arrays import Frozen, numeric, readonly
 
@@ -283,6 +283,7 @@ class Pose(Frozen):
         return quat_rotate(self.wxyz, points) + self.p
 
     def __matmul__(self, other: Pose) -> Pose:
+        require_kind("the right side of @", other, "a Pose (T.act moves points)", isinstance(other, Pose))
         return Pose(self.act(other.p), quat_multiply(self.wxyz, other.wxyz))
 
     def distance(self, other: Pose) -> tuple[float, float]:

@@ -99,11 +99,12 @@ EACH_ARRAY = [(name, field) for name, (_, shapes) in VALUES.items() for field in
 
 
 def sources(name: str) -> dict[str, Array]:
-    """Arrays for the fields: knots increase, and lower limits are below upper ones."""
+    """Arrays for the fields: knots increase, lower limits are below upper ones, and a covariance is symmetric."""
     shapes = VALUES[name][1]
-    return {
+    arrays = {
         field: np.arange(float(np.prod(shape))).reshape(shape) + i for i, (field, shape) in enumerate(shapes.items())
     }
+    return arrays | {field: array + array.T for field, array in arrays.items() if field == "cov"}
 
 
 @pytest.mark.parametrize("name", VALUES)

@@ -1,6 +1,7 @@
 """Values that a program builds itself: wrong ones are refused where they are made, and nothing is shared."""
 
 import pickle
+import re
 import subprocess
 import sys
 import warnings
@@ -21,6 +22,7 @@ from pbd.calibration.mount import fit_turns
 from pbd.calibration.points import fit_points
 from pbd.calibration.registration import observe_points
 from pbd.calibration.sensor import calibrate_sensor
+from pbd.check_demos import DemoCheck
 from pbd.data import Calibration, GraspedObject, GripEvent, JointLimits, Keyframe, Obstacle, Recording
 from pbd.data.covariance import PoseCovariance
 from pbd.errors import (
@@ -35,7 +37,7 @@ from pbd.errors import (
     warn,
 )
 from pbd.lazy import cached_property
-from pbd.planning import PlanOptions, plan_keyframes
+from pbd.planning import PlanOptions, plan_keyframes, plan_path
 from pbd.pose import Pose
 
 HERE = Pose.identity()
@@ -87,6 +89,9 @@ WRONG_TYPES: dict[str, Callable[[], object]] = {
     "Calibration.robots must be a tuple of str, got 'panda'": lambda: Calibration("x", robots=cast(Any, "panda")),
     "Calibration.table_height must be a number, got '0'": lambda: Calibration("x", table_height=cast(Any, "0")),
     "Keyframe.t must be a number, got None": lambda: at(cast(float, None)),
+    "Keyframe.t must be a number, got array([1.])": lambda: at(cast(float, np.ones(1))),
+    "Keyframe.tolerance_rad must be a number, got '1'": lambda: replace(at(0.0), tolerance_rad=cast(float, "1")),
+    "the right side of @ must be a Pose (T.act moves points), got array([1., 1.])": lambda: HERE @ cast(Pose, ONES),
     "Keyframe.dwell_s must be a number, got '1 s'": lambda: at(0.0, dwell_s=cast(float, "1 s")),
     "Calibration.scale must be a number, got None": lambda: Calibration("x", scale=cast(float, None)),
     "Keyframe.grip must be bool or None, got 'open'": lambda: at(0.0, grip="open"),
@@ -163,6 +168,14 @@ def test_lists_become_tuples_that_nobody_else_can_change() -> None:
     assert len(calibration.obstacles) == 1
     assert options == PlanOptions(start=(0.0,) * 7)
     assert hash(options)
+
+
+@pytest.mark.parametrize("cov", [-np.eye(6), np.triu(np.ones((6, 6))), np.full((6, 6), np.nan)])
+def test_what_is_no_covariance_is_refused(cov: Any) -> None:
+    with pytest.raises(WrongValueError, match=r"^Keyframe\.cov must be "):
+        replace(at(0.0), cov=cov)
+    with pytest.raises(WrongValueError, match=r"^Calibration\.cov_base must be "):
+        Calibration("x", cov_base=cov)
 
 
 def test_covariances_are_read_only() -> None:
@@ -257,8 +270,18 @@ def test_modules_are_there_after_import_pbd_alone(name: str) -> None:
 
 
 @pytest.mark.usefixtures("cached_results")
+def test_results_print_in_one_short_line() -> None:
+    robot = pbd.load_robot("panda")
+    path = pbd.track(pbd.load_demo("pouring"))
+    plan = plan_path(path, cast(Calibration, robot.dock), robot)
+    assert re.fullmatch(r"<SensorEstimate: gyr bias \(.*\) rad/s, acc bias \(.*\) m/s2, lag .* ms>", repr(path.sensor))
+    assert re.fullmatch(r"<Segment: straight, 1 row, .* mm off the line>", repr(plan.segments[1]))
+    assert repr(DemoCheck("tea", p_dock_sensor=np.zeros((99, 3)))) == "<DemoCheck 'tea': nothing to remark>"
+    assert repr(DemoCheck("tea", why="no samples", findings=("x",))) == "<DemoCheck 'tea': no samples>"
+
+
+@pytest.mark.usefixtures("cached_results")
 def test_a_page_is_written_from_python(tmp_path: Path) -> None:
-    from pbd.planning import plan_path
     from pbd.replay import replay_scene
     from pbd.view.page import write_page
 

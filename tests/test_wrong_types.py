@@ -37,6 +37,7 @@ WRONG: dict[str, Callable[[Any], object]] = {
     "keyframes must be a sequence of Keyframe, got 'tea'": lambda name: plan_keyframes(name, name, name),
     "export takes a JointTrajectory, got 'tea'; pbd.plan returns one": lambda name: pbd.export(name, name, "csv", "x"),
     "check_all takes a list of demonstrations: check_all(['tea'])": pbd.check_all,
+    "demos must be a list of demonstrations' names, got [3]": lambda _: pbd.check_all([cast(str, 3)]),
     "jobs must be a whole number, got 'tea'": lambda name: pbd.check_all([], jobs=name),
     "t must be an array of numbers, got 'tea'": lambda name: LiveTracker().feed(name, STILL.acc[0], STILL.acc[0]),
     "acc must be three numbers for each t, got None": lambda _: LiveTracker().feed(0.0, cast(Array, None), None),

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 from pbd.arm.collision.scene import Hit
 from pbd.arm.tool_deviation import ToolDeviation
+from pbd.data.one_line_repr import brief, counted
 from pbd.frozen_arrays import Frozen, readonly
 from pbd.pose import Array, Pose
 
@@ -63,6 +64,10 @@ class Segment(Frozen):
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "q", readonly(self.q))
+
+    def __repr__(self) -> str:
+        off = f"{1e3 * self.off_line_m:.1f} mm off the line" if self.off_line_m else ""
+        return brief(self, self.kind, counted(len(self.q), "row"), off)
 
     @property
     def curved(self) -> bool:

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from pbd.data.field_checks import freeze_tuples, require_fields, require_finite
+from pbd.data.field_checks import freeze_tuples, require_covariance, require_fields, require_finite
 from pbd.data.one_line_repr import brief, counted
 from pbd.data.units import GRAVITY
 from pbd.data.world import Obstacle, refuse_beyond_reach
@@ -125,6 +125,7 @@ class Calibration(Frozen):
         refuse_beyond_reach(self, "T_base_dock", "T_base_nav", "T_sensor_tool", "table_height")
         freeze_tuples(self, robots=str, obstacles=Obstacle)
         freeze_arrays(self, cov_base=(6, 6), cov_sensor_tool=(6, 6))
+        require_covariance(self, "cov_base", "cov_sensor_tool")
         object.__setattr__(self, "residuals", frozen_mapping(self.residuals))
 
     @property

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pbd.data.one_line_repr import brief
 from pbd.frozen_arrays import readonly
 from pbd.pose import Array
 
@@ -54,3 +55,8 @@ class SensorEstimate:
     acc_bias: ErrorEstimate
     acc_matrix: ErrorEstimate
     lag: ErrorEstimate
+
+    def __repr__(self) -> str:
+        biases = (("gyr", self.gyr_bias, "rad/s"), ("acc", self.acc_bias, "m/s2"))
+        shown = [f"{name} bias ({', '.join(f'{x:.2g}' for x in each.value)}) {unit}" for name, each, unit in biases]
+        return brief(self, *shown, f"lag {1e3 * float(self.lag.value):.2g} ms")

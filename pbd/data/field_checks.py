@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from types import UnionType
-from typing import get_args
+from typing import Any, get_args
 
 import numpy as np
 
@@ -27,8 +27,8 @@ def require_fields(owner: object, **kinds: type | UnionType) -> None:
         require_kind(_named(owner, name), value, " or ".join(known), isinstance(value, kind))
 
 
-def require_finite(owner: object, *names: str, above: float = -np.inf) -> None:
-    """Refuse fields, numbers or arrays, that are not finite, or not above a bound. None passes as a default.
+def require_finite(owner: Any, *names: str, above: float = -np.inf) -> None:
+    """Refuse fields that are not finite, or not above a bound. None passes as a default. A `float` takes no array.
 
     Raises:
         WrongTypeError: a field is no number.
@@ -38,10 +38,24 @@ def require_finite(owner: object, *names: str, above: float = -np.inf) -> None:
         value = getattr(owner, name)
         if value is None and getattr(type(owner), name, owner) is None:
             continue
-        require_kind(_named(owner, name), value, "a number", is_number(value) or isinstance(value, np.ndarray | tuple))
+        several = type(owner).__dataclass_fields__[name].type not in (float, float | None)
+        valid = is_number(value) or (several and isinstance(value, np.ndarray | tuple))
+        require_kind(_named(owner, name), value, "a number", valid)
         if not np.all((np.asarray(value) > above) & (np.asarray(value) < np.inf)):
             bound = "" if above == -np.inf else f"above {above:g} and "
             raise wrong_value(owner, name, f"must be {bound}finite")
+
+
+def require_covariance(owner: Any, *names: str) -> None:
+    """Refuse arrays that are not finite, not symmetric, or have a variance below zero. None passes as a default."""
+    require_finite(owner, *names)
+    for name in names:
+        cov = getattr(owner, name)
+        if cov is None:
+            continue
+        variance = np.diagonal(cov)
+        if not (np.allclose(cov, cov.T) and np.allclose(variance, np.abs(variance))):  # both may be off by rounding
+            raise wrong_value(owner, name, "must be symmetric, with variances of 0 or above")
 
 
 def wrong_value(owner: object, name: str, rule: str) -> WrongValueError:

@@ -7,7 +7,7 @@ from graphlib import CycleError, TopologicalSorter
 
 import numpy as np
 
-from pbd.data.field_checks import freeze_tuples, require_fields, require_finite, wrong_value
+from pbd.data.field_checks import freeze_tuples, require_covariance, require_fields, require_finite, wrong_value
 from pbd.data.one_line_repr import brief
 from pbd.errors import RecordingError, require_kind
 from pbd.frozen_arrays import Frozen, freeze_arrays
@@ -46,11 +46,13 @@ class Keyframe(Frozen):
 
     def __post_init__(self) -> None:
         require_fields(self, T_nav_sensor=Pose, grip=bool | np.bool_ | None, label=str)
-        require_finite(self, "t", "dwell_s")
+        require_finite(self, "t", "dwell_s", "weight")
         if not self.dwell_s >= 0.0:
             raise wrong_value(self, "dwell_s", "must be 0 or above, s")
         freeze_arrays(self, cov=(6, 6), tolerance_m=(3,), nudge_base_m=(3,), nudge_tool_m=(3,))
-        require_finite(self, "cov", "nudge_base_m", "nudge_tool_m")
+        require_covariance(self, "cov")
+        require_finite(self, "nudge_base_m", "nudge_tool_m")
+        require_finite(self, "tolerance_m", "tolerance_rad", above=0.0)
         freeze_tuples(self, frames=str)
 
     def __repr__(self) -> str:

@@ -167,8 +167,8 @@ class Robot(Frozen):
 
     def __post_init__(self) -> None:
         freeze_tuples(self, package_dirs=Path, joints=str, notes=str, may_touch=tuple, mimic_joints=MimicJoint)
-        require_fields(self, urdf=Path, srdf=Path | None, T_body_tool=Pose, limits=JointLimits)
-        require_fields(self, gripper=Gripper | None, dock=Calibration | None)
+        require_fields(self, name=str, base=str, body=str, urdf=Path, srdf=Path | None, T_body_tool=Pose)
+        require_fields(self, limits=JointLimits, gripper=Gripper | None, dock=Calibration | None)
         k = len(self.joints)
         freeze_arrays(self, home=(k,))
         if len(self.limits.lower) != k:
