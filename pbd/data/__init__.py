@@ -12,7 +12,7 @@ from pbd.data.joint_trajectory import JointTrajectory, Samples
 from pbd.data.keyframe import Keyframe, TouchUp
 from pbd.data.recording import GripEvent, Recording, RecordingInfo, Truth
 from pbd.data.robot import Gripper, JointLimits, MimicJoint, Robot, ServoUnits
-from pbd.data.tracking import Demonstration, HandPath, Segment, Stop, Tracking
+from pbd.data.tracking import Demonstration, HandPath, HandSegment, Stop, Tracking
 from pbd.data.units import GRAVITY
 from pbd.data.world import GraspedObject, Load, Obstacle
 
@@ -30,6 +30,7 @@ __all__ = [
     "GripEvent",
     "Gripper",
     "HandPath",
+    "HandSegment",
     "JointLimits",
     "JointTrajectory",
     "Keyframe",
@@ -44,7 +45,6 @@ __all__ = [
     "RecordingInfo",
     "Robot",
     "Samples",
-    "Segment",
     "SensorErrors",
     "SensorEstimate",
     "ServoUnits",

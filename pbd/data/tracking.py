@@ -195,7 +195,7 @@ class HandPath(Frozen):
 
 
 @dataclass(frozen=True)
-class Segment:
+class HandSegment:
     """A rest or a move over the samples start <= i < stop. `ms`: from the first to the last sample (Table I), ms."""
 
     start: int

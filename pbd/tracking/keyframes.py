@@ -4,7 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from pbd.data import GripEvent, HandPath, Keyframe, Segment, Stop
+from pbd.data import GripEvent, HandPath, HandSegment, Keyframe, Stop
 from pbd.errors import require_type, warn
 from pbd.pose import Array, Pose, quat_inverse, quat_log, quat_multiply
 from pbd.tracking.smoother.attitude import mean_quaternion
@@ -41,12 +41,12 @@ def find_keyframes(path: HandPath) -> tuple[Keyframe, ...]:
     )
 
 
-def find_segments(path: HandPath) -> tuple[Segment, ...]:
+def find_segments(path: HandPath) -> tuple[HandSegment, ...]:
     """Cut a recording into rests and moves, and name the kind of each motion (the paper's Table I)."""
     bounds = sorted({0, len(path.t), *(i for stop in path.stops for i in (stop.start, stop.stop))})
     rests = {stop.start for stop in path.stops}
     return tuple(
-        Segment(
+        HandSegment(
             start=start,
             stop=stop,
             kind="rest" if start in rests else "move",

@@ -13,7 +13,7 @@ from rich.cells import cell_len
 from rich.table import Column, Table
 from rich.text import Text
 
-from pbd.data import Keyframe, Robot, Segment
+from pbd.data import HandSegment, Keyframe, Robot
 from pbd.data.covariance import keyframe_sigmas
 from pbd.data.tracking import DOUBTED_WEIGHT
 from pbd.errors import printable
@@ -121,7 +121,7 @@ def words_table(columns: Sequence[str], rows: Iterable[Iterable[str | Text]]) ->
     return make_table(*columns, left=columns, rows=rows)
 
 
-def segments_table(segments: Sequence[Segment], units: Units) -> Table:
+def segments_table(segments: Sequence[HandSegment], units: Units) -> Table:
     """The paper's Table I: first and last sample, kind of motion, and duration of each segment."""
     rows = ((f"{each.start}-{each.stop - 1}", each.description, *units.times(1e-3 * each.ms)) for each in segments)
     return make_table("samples", "what happens", f"time ({units.time})", left=("what happens",), rows=rows)
