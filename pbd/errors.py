@@ -167,9 +167,14 @@ def one_line(message: str) -> str:
     return f"{message[: LONGEST_MESSAGE // 2]} ... {message[-LONGEST_MESSAGE // 2 :]}"
 
 
+LONGEST_REASON = 200
+"""Longest reason that a message quotes, characters. A library's may quote a file: zipfile's quotes all of it."""
+
+
 def in_words(reason: Exception) -> str:
     """Return the reason of an exception, without errno and path: the message that quotes it names the path."""
-    return (reason.strerror if isinstance(reason, OSError) else None) or str(reason) or type(reason).__name__
+    words = (reason.strerror if isinstance(reason, OSError) else None) or str(reason) or type(reason).__name__
+    return words if len(words) <= LONGEST_REASON else f"{words[:LONGEST_REASON]}..."
 
 
 def require_package(module: str, extra: str, what: str) -> None:

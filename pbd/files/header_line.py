@@ -4,7 +4,6 @@ import csv
 import math
 import re
 import shlex
-import statistics
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -18,6 +17,9 @@ FEWEST_CELLS = 4
 
 FIRST_ROWS = 20
 """Number of rows that are read to see whether the first column of a table without a header is the time."""
+
+_COMMENT = re.compile(r"(?mi)^[ \t]*#(?!n/a\b|nv\b).*$")
+"""A line that begins with #, but not with a spreadsheet's cell without a number."""
 
 _MONITOR = re.compile(r"(?m)^(?:\[(\d[\d:. /-]{7,30})\] *|(\d\d:\d\d:\d\d\.\d+) -> *)(.+)")
 """A line with the time of Tera Term, `[2024-05-01 12:34:56.789] 1,2,3`, or of Arduino, `12:34:56.789 -> 1,2,3`."""
@@ -75,7 +77,7 @@ def without_comments(text: str, foreign: bool) -> str:
     if header is not None and _is_row(header[3]) and max(map(header[2].count, ",;\t")) >= FEWEST_CELLS - 1:
         names = re.sub(r"^[^,;]*?\b(?:format|columns?|fields?|header|order)\s*:\s*", "", header[2])
         text = f"{text[: header.start(1)]} {names}{text[header.end(2) :]}"
-    return re.sub(r"(?m)^[ \t]*#.*$", "", text)
+    return _COMMENT.sub("", text)
 
 
 def with_delimiters(text: str) -> str:
@@ -86,7 +88,7 @@ def with_delimiters(text: str) -> str:
     stamped = _MONITOR.search(text[:2000])  # its first time comes early
     if stamped and is_stamp(stamped[1] or stamped[2]):
         text = _MONITOR.sub(rf"\1\2{delimiter_of(stamped[3])}\3", text)
-    rows = re.sub(r"(?m)^[ \t]*#.*$", "", text) if "#" in text else text
+    rows = _COMMENT.sub("", text) if "#" in text else text
     if any(mark in rows for mark in ",;\t"):
         return text
     return re.sub(r" *\| *" if "|" in rows else " +", "\t", re.sub(r"(?m)^ +| +$|(?<=#) +", "", text))
@@ -106,7 +108,6 @@ def without_thousands(body: str, delimiter: str) -> str:
 
 def without_cut_row(path: Path, body: str, cells: int, delimiter: str) -> str:
     """Leave out, with a warning, a last row that is cut off: it has no line end and fewer cells."""
-    body = body.rstrip("\0")
     end = max(body.rfind("\n"), 0)
     last = body[end + 1 :]
     if (
@@ -215,7 +216,8 @@ def _import_command(path: Path, lines: Sequence[str], labelled: bool, prefix: st
 
 def _scatter(rows: Sequence[Sequence[str]], at: int) -> float:
     """Return the relative scatter of the norm of three numbers from rows: small for gravity, not for a gyro's noise."""
-    with suppress(ValueError, statistics.StatisticsError, ZeroDivisionError):
+    with suppress(ValueError, ZeroDivisionError):
         norms = [math.hypot(*map(float, row[at : at + 3])) for row in rows]
-        return statistics.pstdev(norms) / statistics.fmean(norms)
+        mean = sum(norms) / len(norms)
+        return math.dist(norms, [mean] * len(norms)) / mean
     return math.inf

@@ -21,7 +21,7 @@ from pbd.files.robot_gripper import MIMIC_TOLERANCE, check_range, read_gripper
 from pbd.files.urdf_tree import ACTUATED, Urdf, UrdfJoint, read_named_poses, read_urdf
 from pbd.io.atomic import is_file
 from pbd.io.meshes import mesh_places
-from pbd.io.toml import Section, read_toml
+from pbd.io.toml import SMALLEST_POSITIVE, Section, read_toml
 from pbd.pose import Array
 
 WIDEST_RANGES = {
@@ -125,7 +125,7 @@ def _find(model: Section, key: str, shares: Sequence[Path]) -> Path:
     folders = [model.path.parent, *(share / "example-robot-data" / "robots" for share in shares)]
     found = next((folder / wanted for folder in folders if is_file(folder / wanted)), None)
     if found is None:
-        model.fail(key, f"names {wanted!r}, which is neither in {' nor in '.join(map(str, folders))}")
+        model.fail(key, f"names '{printable(wanted)}', which is neither in {' nor in '.join(map(str, folders))}")
     return found.resolve()
 
 
@@ -228,7 +228,7 @@ def _limits(section: Section, urdf: Urdf, joints: Sequence[UrdfJoint]) -> JointL
     sources = {"position": "the URDF"}
     general = section.text("source", "")
     if "velocity" not in section:
-        if bad := [joint.name for joint in joints if not 0.0 < joint.velocity < np.inf]:
+        if bad := [joint.name for joint in joints if not SMALLEST_POSITIVE <= joint.velocity < np.inf]:
             section.fail("velocity", f"is missing and the URDF sets no limit above zero for {listed(bad)}", "add it")
         values["velocity"], sources["velocity"] = tuple(joint.velocity for joint in joints), "the URDF"
     for key in ("velocity", "acceleration", "jerk", "effort"):

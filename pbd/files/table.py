@@ -86,7 +86,8 @@ class Sheet:
     def cell(self, name: str, row: int) -> tuple[int, str]:
         """Return the line number and the text of a column's cell in a row, counted from 0."""
         line, cells = next(islice(self._rows(self.body, self.first_line), row, None))
-        return line, cells[self.header.index(name)].strip()
+        k = self.header.index(name)
+        return line, "".join(cells[k : k + 1]).strip()  # a row may be too short, which is refused when it is read
 
     def first_and_last(self, name: str) -> list[str]:
         """Return a column's first and last cell."""
@@ -109,7 +110,7 @@ class Sheet:
         self.refuse_duplicates(wanted)
         columns = [self.header.index(name) for name in wanted]
         dated = {self.header.index(name): date_order(self.first_and_last(name)) for name in wanted if name in times}
-        parts, line = [], self.first_line
+        parts, line = [np.empty((0, len(columns)))], self.first_line
         for block in [self.body] if '"' in self.body else _blocks(self.body):  # a quoted cell may contain line ends
             rows = self._read_numbers(block)
             parts.append(self._read_cells(block, line, columns, dated) if rows is None else rows[:, columns])
@@ -256,7 +257,7 @@ def open_sheet(
         next((k for k, line in enumerate(lines) if line.strip()), 0),
         0,
     )
-    first, body = lines[above], text[sum(len(line) + 1 for line in lines[: above + 1 + skipped]) :]
+    first, body = lines[above], text[sum(len(line) + 1 for line in lines[: above + 1 + skipped]) :].rstrip("\0")
     if not first.strip():
         raise error.at(path, "the file is empty; it needs a header line and rows of numbers")
     if "\0" in first:
@@ -264,9 +265,12 @@ def open_sheet(
     if not body or body.isspace():
         raise error.at(path, "a header but no rows; record again")
     delimiter = delimiter_of(first)
-    header = cells_of(first, delimiter)
-    for line in lines[above + 1 : above + 1 + skipped]:
-        header = with_line_below(header, cells_of(line, delimiter))
+    try:
+        header = cells_of(first, delimiter)
+        for line in lines[above + 1 : above + 1 + skipped]:
+            header = with_line_below(header, cells_of(line, delimiter))
+    except csv.Error as reason:
+        raise error.at(path, f"the header can't be read ({reason}); {NEXT_STEP}", above + 1) from None
     recording = error is RecordingError
     if foreign and recording and (what := headerless_advice(path, header, in_file, above)):
         raise error.at(path, what, above + 1)

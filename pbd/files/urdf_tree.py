@@ -13,7 +13,7 @@ from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
 from pbd.data import MimicJoint
-from pbd.errors import RobotError, listed
+from pbd.errors import RobotError, listed, printable
 from pbd.io.numbers import finite
 from pbd.io.urdf import LONGEST_M, read_urdf_xml, read_xml
 
@@ -170,7 +170,7 @@ def _joint(path: Path, element: ET.Element) -> UrdfJoint:
     bounded = kind in ("revolute", "prismatic")
     wrong = None
     if kind not in JOINT_TYPES:
-        wrong = f"has the type {kind!r}; make it one of {listed(JOINT_TYPES)}"
+        wrong = f"has the type '{printable(kind)}'; make it one of {listed(JOINT_TYPES)}"
     elif lacking := [tag for tag, part in parts.items() if part is None and (tag != "limit" or bounded)]:
         wrong = f"has no {listed(f'<{tag}>' for tag in lacking)}; add it"
     elif axis is not None and kind in ACTUATED and not any(map(float, axis.get("xyz", "1").split())):

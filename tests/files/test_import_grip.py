@@ -87,3 +87,9 @@ def test_a_word_that_is_no_state_of_a_grip_is_refused_with_its_line(tmp_path: Pa
 def test_the_command_stores_the_grip(elsewhere: Path) -> None:
     assert main(["import", str(table(elsewhere, "button", "true", "false")), "tea", "--column", "grip=button"]) == 0
     assert [(event.t, event.closed) for event in read_demo(Path("demos/tea")).recording.grip] == EVENTS
+
+
+def test_a_grip_in_a_row_without_a_time_counts_from_the_next_row(tmp_path: Path) -> None:
+    file = table(tmp_path, "button", "true", "false")
+    file.write_text(file.read_text().replace("\n9.00,", "\n,"))
+    assert [round(event.t, 6) for event in import_file(file, {"grip": "button"}).recording.grip] == [2.01, 5.0]

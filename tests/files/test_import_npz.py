@@ -1,5 +1,6 @@
 """Recordings as named numpy arrays."""
 
+import zipfile
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -109,3 +110,22 @@ def test_a_gyro_under_another_name_is_not_dropped(tmp_path: Path) -> None:
         RecordingError, match="the array 'gyro' looks like inertial data, but is not read; name it 'gyr'"
     ):
         import_file(tmp_path / "run.npz")
+
+
+def test_a_member_that_is_no_array_is_missing(tmp_path: Path) -> None:
+    with zipfile.ZipFile(tmp_path / "run.npz", "w") as archive:
+        archive.writestr("rate_hz.npy", npy(np.array(100.0)))
+        archive.writestr("acc.npy", b"1,2,3")
+    with pytest.raises(RecordingError, match="no array 'acc'"):
+        import_file(tmp_path / "run.npz")
+
+
+def test_a_broken_file_is_not_quoted_in_full(tmp_path: Path) -> None:
+    import_arrays(tmp_path, **VALID)
+    path = tmp_path / "run.npz"
+    whole = path.read_bytes()
+    at = whole.index(b"acc.npy") - 4  # the length of the name, before that of the extra field
+    path.write_bytes(whole[:at] + b"\xff\x01" + whole[at + 2 :])  # zipfile quotes all that follows
+    with pytest.raises(RecordingError, match="can't be read as an npz") as caught:
+        import_file(path)
+    assert len(caught.value.message) < 300 + len(str(path))

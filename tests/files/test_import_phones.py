@@ -375,3 +375,10 @@ def test_a_zip_of_a_demonstration_is_told(tmp_path: Path) -> None:
         RecordingError, match=r"it is a demonstration already; unzip it into \./demos, and use it as it is"
     ):
         import_file(tmp_path / "tea.zip")
+
+
+def test_metadata_that_cannot_be_read_are_named(tmp_path: Path) -> None:
+    place = folder(tmp_path / "walk", {"TotalAcceleration": UP})
+    (place / "Metadata.csv").write_text("a" * 200_000)
+    with pytest.raises(RecordingError, match=r"walk: Metadata\.csv can't be read \(field larger than .*; export"):
+        read(place)

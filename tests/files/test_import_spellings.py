@@ -1,6 +1,7 @@
 """The same table as programs and spreadsheets spell it: units, names of axes, headers, missing cells, times."""
 
 import re
+import warnings
 from collections.abc import Sequence
 from datetime import datetime, timedelta
 from pathlib import Path
@@ -340,3 +341,26 @@ def test_times_that_are_too_close_are_named_in_their_own_unit(tmp_path: Path) ->
         RecordingError, match=r"closer than any sensor's; the time is likely in s: import the file with --unit t=s$"
     ):
         with_checked_times(read(tmp_path, text))
+
+
+def test_a_row_that_begins_with_no_number_is_no_comment(tmp_path: Path) -> None:
+    for cell in ("#N/A", "#NV"):
+        rows = [f"{first},{','.join(map(str, (*ACC[1:], *GYR)))}" for first in (ACC[0], cell, ACC[0])]
+        assert_read(read(tmp_path, "\n".join((",".join(AXES), *rows)) + "\n", rate_hz=100.0), end=0.02)
+
+
+def test_a_clock_without_times_is_not_preferred_to_one_that_runs_backwards(tmp_path: Path) -> None:
+    with pytest.raises(RecordingError, match=r"run.csv:4: time runs backwards from 0\.02 to 0\.01 in column 'time'"):
+        read(tmp_path, table(",".join(("time", "chip_time", *AXES)), ("0.00,", "0.02,", "0.01,", "0.03,")))
+
+
+def test_infinite_times_are_no_warning(tmp_path: Path) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert len(read(tmp_path, table(",".join(("t", *AXES)), (0.0, 0.01, 0.02, "inf", "inf"))).t) == 5
+
+
+def test_huge_numbers_without_a_header_are_advised_on(tmp_path: Path) -> None:
+    rows = "".join(f"{0.01 * k},0,0,{'9' * 400},0,0,0\n" for k in range(3))
+    with pytest.raises(RecordingError, match="numbers where the column names should be"):
+        read(tmp_path, rows)

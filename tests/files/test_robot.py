@@ -473,6 +473,8 @@ def test_an_unnamed_joint_is_locked_at_zero_which_must_be_within_its_limits(fold
          r"mine.urdf: xyz = '0 y 0' in the <axis> of joint 'elbow' is not three numbers; correct it"),
         ('<axis xyz="0 1 0"/>', '<origin xyz="0 1" rpy="0 0 0"/>',
          r"mine.urdf: xyz = '0 1' in the <origin> of joint 'elbow' is not three numbers; correct it"),
+        ('velocity="1.5"', 'velocity="1e-320"',
+         r"\[limits\] velocity is missing and the URDF sets no limit above zero for shoulder; add it"),
         ('velocity="1.5"', 'velocity="0"',
          r"\[limits\] velocity is missing and the URDF sets no limit above zero for shoulder; add it"),
         (' velocity="2.5"', "", r"\[limits\] velocity is missing and .* for elbow; add it"),

@@ -52,6 +52,12 @@ def test_an_empty_cell_is_nan(tmp_path: Path) -> None:
     [
         ("", ": the file is empty; it needs a header line and rows of numbers", {}),
         ("t,ax\n", ": a header but no rows; record again", {}),
+        ("t,ax\n\0\0", ": a header but no rows; record again", {}),
+        (
+            f"t,{'a' * 200_000}\n0,1\n",
+            ":1: the header can't be read (field larger than field limit (131072)); give a CSV file",
+            {"line": 1},
+        ),
         ("t,ax,t\n0,1,2\n", ": the column 't' is there twice; rename one", {"value": "t"}),
         (
             "t,ax\n0,1\n1,two\n",

@@ -79,7 +79,7 @@ def choose_clock(
 def _best_clock(path: Path, table: Table, clocks: Sequence[str]) -> str:
     """Return the clock with the most distinct times; of equals the device's own, then one with a unit, then the first.
 
-    A clock that runs backwards is the last choice.
+    A clock that runs backwards or stands still is the last choice.
 
     Raises:
         RecordingError: no clock has any time (Xsens' MT Manager writes such columns for some devices).
@@ -89,11 +89,12 @@ def _best_clock(path: Path, table: Table, clocks: Sequence[str]) -> str:
         what = f"the column{'s' * (len(clocks) > 1)} {listed(clocks)} for the time "
         raise RecordingError.at(path, f"{what}hold{'s' * (len(clocks) == 1)} no number; import it with its --rate HZ")
     with np.errstate(invalid="ignore"):
-        forward = [not (np.diff(each) < 0.0).any() for each in values]
+        backward = [(np.diff(each) < 0.0).any() for each in values]
     distinct = [np.unique(each[np.isfinite(each)]).size for each in values]
+    good = [count > 1 and not back for count, back in zip(distinct, backward, strict=True)]
     rank = [
-        (ahead, count, is_device_time(name), bool(split_unit(name)[1]) or plain(name) == "seconds_elapsed", -k)
-        for k, (name, ahead, count) in enumerate(zip(clocks, forward, distinct, strict=True))
+        (good[k], distinct[k], is_device_time(name), bool(split_unit(name)[1]) or plain(name) == "seconds_elapsed", -k)
+        for k, name in enumerate(clocks)
     ]
     return clocks[max(range(len(clocks)), key=rank.__getitem__)]
 

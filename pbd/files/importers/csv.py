@@ -112,8 +112,8 @@ def read_csv(request: Request) -> Demonstration | None:
             grip=grip,
             info=RecordingInfo(sensor=sensor, rate_hz=rate_hz, source=understood),
         )
-    if found.of("t"):
-        recording = _without_repeats(path, recording)
+        if found.of("t"):
+            recording = _without_repeats(path, recording)
     return Demonstration(remapped(path, recording, request.beside))
 
 
@@ -256,12 +256,13 @@ def _joined(
 
 def _without_repeats(path: Path, recording: Recording) -> Recording:
     """Leave out rows that repeat the row before with its time, if most do, and samples don't share coarse times."""
-    if not len(steps := np.diff(recording.t)) or np.median(steps) > 0.0:
+    known = np.isfinite(recording.t)
+    if not len(steps := np.diff(recording.t[known])) or np.median(steps) > 0.0:
         return recording
     channels: dict[str, Any] = {"t": recording.t, **recording.channels}
     rows = np.column_stack(list(channels.values()))
     kept = np.concatenate(([True], ~((rows[1:] == rows[:-1]) | np.isnan(rows[1:]) & np.isnan(rows[:-1])).all(axis=1)))
-    left = np.diff(recording.t[kept])
+    left = np.diff(recording.t[kept & known])
     if not len(left) or not np.median(left) > 0.0:
         return recording
     warn(f"{path}: {counted(int((~kept).sum()), 'row')} that repeat the row before are left out")

@@ -1,5 +1,6 @@
 """The column of a table that says whether the hand's grip is closed: numbers from 0 to 1, or words."""
 
+import math
 import re
 from collections.abc import Mapping
 from contextlib import suppress
@@ -70,9 +71,9 @@ def read_grip(sheet: Sheet, columns: Mapping[str, str], t: Array) -> tuple[str, 
             raise RecordingError.at(sheet.path, f"{what}; {known}", sheet.cell(name, row)[0])
         levels.add(level)
         now = (level > HALF_CLOSED) is not (reverse and state not in WORDS)
-        if now is not closed:
+        if now is not closed and math.isfinite(t[row]):  # else it counts from the next row with a time
             events.append(GripEvent(float(t[row]), now))
-        closed = now
+            closed = now
     if not levels <= {0.0, 1.0}:
         column = f"the column '{printable(name)}'"
         if not min(levels) <= HALF_CLOSED < max(levels):

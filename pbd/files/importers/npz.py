@@ -81,7 +81,7 @@ def _arrays(path: Path) -> tuple[dict[str, NDArray[Any]], tuple[str, ...]]:
             raise ValueError(f"its arrays take more than the {MOST_DATA_BYTES / 1e6:.0f} MB that are read")
         # numpy warns of files written by Python 2
         with no_library_warnings(), np.load(io.BytesIO(data), allow_pickle=False) as arrays:
-            read = {name: arrays[name] for name in known}
+            read = {name: np.asarray(arrays[name]) for name in known}  # of a file that is no npy its bytes
     except Exception as reason:  # damaged bytes cause errors of zip, zlib, tokenize and numpy
         raise RecordingError.at(path, f"can't be read as an npz ({in_words(reason)}); {NEXT_STEP}") from None
     numbers = {name: array for name, array in read.items() if array.dtype.kind in "fiub"}

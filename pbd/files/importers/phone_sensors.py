@@ -14,7 +14,6 @@ CROSSPLATFORM.md); phyphox' DataExport.java, SimpleExperimentSerializer.swift an
 """
 
 import csv
-import io
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -163,9 +162,12 @@ def _what_is_needed(program: Program, is_linear: bool, metadata: Mapping[str, st
     return f"{why}, and {needed} is needed; switch on '{switch}' in Sensor Logger and record again"
 
 
-def read_metadata(files: Files) -> Mapping[str, str]:
-    """Read Sensor Logger's Metadata.csv, in lower case; it may be missing."""
+def read_metadata(path: Path, files: Files) -> Mapping[str, str]:
+    """Read Sensor Logger's Metadata.csv, in lower case; it may be missing. RecordingError: it can't be read."""
     if METADATA not in files:
         return {}
-    rows = list(csv.DictReader(io.StringIO(files[METADATA]().decode("utf-8", "replace"))))
+    try:
+        rows = list(csv.DictReader(files[METADATA]().decode("utf-8", "replace").splitlines()))
+    except csv.Error as reason:
+        raise RecordingError.at(path, f"{METADATA}.csv can't be read ({reason}); export it again") from None
     return {str(key).strip().lower(): str(value).strip().lower() for key, value in rows[0].items()} if rows else {}

@@ -103,7 +103,7 @@ def _read_documented(request: Request, program: Program, files: Files) -> Demons
         if program is not PHYPHOX or not {"acc", "gyr"} <= found.keys():
             raise broken[name]
         warn(f"{broken[name].message.partition('; ')[0]}; the recording is read without this file")
-    force, unit = parts_of_force(path, program, found, read_metadata(files))
+    force, unit = parts_of_force(path, program, found, read_metadata(path, files))
     request.refuse_rate("an app's file has times")
     if WRIST in files and program is not WATCH:
         warn(f"{path}: the phone is read, not the watch; for that import {WRIST}.csv alone")
