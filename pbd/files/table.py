@@ -283,6 +283,7 @@ def open_sheet(
     return Sheet(path, tuple(header), body, delimiter, first_row, foreign, error, preamble=preamble)
 
 
+@np.errstate(over="ignore")  # a value near the largest number becomes an empty cell, as infinity does
 def write_table(path: Path, header: tuple[str, ...], values: Array, decimals: tuple[int, ...] = ()) -> None:
     """Write a table; `decimals`: each column's number of decimals; empty: all. NaN becomes an empty cell."""
     import orjson

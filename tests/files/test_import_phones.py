@@ -3,7 +3,7 @@
 import re
 import shutil
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -247,6 +247,26 @@ def test_phyphox_counts_its_pauses(tmp_path: Path, separator: str, comma: bool) 
     assert_allclose(got.acc, UP[:-1], atol=1e-8)
     assert_allclose(not_none(got.gyr), TURN[:-1], atol=1e-8)
     assert_allclose(got.t, (T + 2.5 * (T > 1.0))[:-1], atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    "saved",
+    [
+        lambda text: text.encode("utf-8-sig"),
+        lambda text: text.encode("utf-16"),
+        lambda text: text.replace("\n", "\r").encode(),
+        lambda text: f"\n{text}".encode(),
+    ],
+    ids=["mark", "utf-16", "returns", "blank line"],
+)
+def test_a_file_that_a_spreadsheet_saved_anew_is_a_phones(tmp_path: Path, saved: Callable[[str], bytes]) -> None:
+    """It was read as an ordinary table: an iPhone's signs, and phyphox' pauses, were lost."""
+    file = folder(tmp_path / "w", {"TotalAcceleration": -UP}, "ios") / "TotalAcceleration.csv"
+    file.write_bytes(saved(file.read_text()))
+    assert_allclose(read(file).acc, UP, atol=1e-9)
+    file = phyphox(tmp_path / "p") / "Accelerometer.csv"
+    file.write_bytes(saved(file.read_text()))
+    assert_allclose(read(file).t, (T + 2.5 * (T > 1.0))[:-1], atol=1e-6)
 
 
 def test_what_phyphox_says_of_the_phone_is_no_sheet(tmp_path: Path) -> None:

@@ -1,4 +1,5 @@
 import csv
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -135,6 +136,13 @@ def test_a_table_is_read_as_written(tmp_path: Path, hole: float) -> None:
     write_table(path, ("t", "ax"), values, (3, 2))
     assert path.read_text().splitlines()[:2] == ["t,ax", "0.0,-1.25"]
     assert_array_equal(open_sheet(path).read().values, [[0.0, -1.25], [0.123, hole]])
+
+
+def test_a_value_near_the_largest_number_is_written_as_an_empty_cell(tmp_path: Path) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        write_table(tmp_path / "table.csv", ("t", "ax"), np.array([[0.0, 1e308]]), (3, 2))
+    assert (tmp_path / "table.csv").read_text() == "t,ax\n0.0,\n"
 
 
 def test_names_may_have_any_character(tmp_path: Path) -> None:

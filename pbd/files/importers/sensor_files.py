@@ -60,7 +60,9 @@ def read_sensor_files(request: Request) -> Demonstration | None:
     programs: Sequence[Program] = PROGRAMS
     if is_csv:
         with path.open("rb") as file:
-            first_line = file.readline(1000).decode("utf-8", "replace")
+            first = file.read(1000)
+        encoding = "utf-16" if first[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig"
+        first_line = re.split("[\r\n]", first.decode(encoding, "replace").lstrip())[0]
         header = [cell.strip().strip('"') for cell in re.split(r"[,;\t]", first_line)]
         programs = [program for program in PROGRAMS if sensors_in(program, path.stem, header)]
         if (programs and request.units and not request.beside) or not (programs or _sensor(path.stem)[1]):
