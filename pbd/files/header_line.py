@@ -15,6 +15,9 @@ from pbd.io.numbers import NO_NUMBER, is_stamp
 FEWEST_CELLS = 4
 """Smallest number of cells in a header (t, ax, ay, az). The lines of a preamble have fewer."""
 
+LONGEST_NAME = 1000
+"""Largest number of characters of a column's name, so that patterns are matched fast. MATLAB's have up to 63."""
+
 FIRST_ROWS = 20
 """Number of rows that are read to see whether the first column of a table without a header is the time."""
 
@@ -150,10 +153,12 @@ def with_line_below(header: Sequence[str], below: Sequence[str]) -> list[str]:
 def cells_of(line: str, delimiter: str) -> list[str]:
     """Split a line of a header into its cells. A quoted cell may contain the delimiter.
 
-    Axes that follow `Gyro: x` as bare `y` and `z` get its words.
+    Axes that follow `Gyro: x` as bare `y` and `z` get its words. csv.Error: a cell is too long.
     """
     cells = next(csv.reader([line], delimiter=delimiter))
     cells = [cell.strip().strip('"') for cell in (cells if len(cells) > 1 else line.split(delimiter))]
+    if max(map(len, cells)) > LONGEST_NAME:
+        raise csv.Error(f"a name of more than {LONGEST_NAME} characters")
     for k, cell in enumerate(cells[1:], 1):
         axis = re.search(r"(?:\w\W{1,3}|\w_|[a-z](?=[XY]))([xyXY])$", cells[k - 1])
         if axis and cell.lower() == {"x": "y", "y": "z"}[axis[1].lower()]:

@@ -274,8 +274,8 @@ def open_sheet(
     recording = error is RecordingError
     if foreign and recording and (what := headerless_advice(path, header, in_file, above)):
         raise error.at(path, what, above + 1)
-    if not header[-1] or (header[0], header[-1]) == ("X_Value", "Comment"):  # LabVIEW writes no empty comment
-        header.pop()
+    if header[1:] and (not header[-1] or (header[0], header[-1]) == ("X_Value", "Comment")):
+        header.pop()  # LabVIEW writes no empty comment
     header[:1] = [header[0] or "column 1"] if foreign else header[:1]  # pandas' index, so that it can be named
     if recording:
         body = without_cut_row(path, body, len(header), delimiter)

@@ -55,6 +55,11 @@ def test_an_empty_cell_is_nan(tmp_path: Path) -> None:
         ("t,ax\n", ": a header but no rows; record again", {}),
         ("t,ax\n\0\0", ": a header but no rows; record again", {}),
         (
+            f"t,a{' ' * 20_000}x\n0,1\n",  # patterns would take minutes
+            ":1: the header can't be read (a name of more than 1000 characters); give a CSV file",
+            {"line": 1},
+        ),
+        (
             f"t,{'a' * 200_000}\n0,1\n",
             ":1: the header can't be read (field larger than field limit (131072)); give a CSV file",
             {"line": 1},
@@ -150,3 +155,7 @@ def test_names_may_have_any_character(tmp_path: Path) -> None:
     write_table(tmp_path / "table.csv", names, np.zeros((1, len(names))))
     with (tmp_path / "table.csv").open(encoding="utf-8", newline="") as file:
         assert next(csv.reader(file)) == list(names)
+
+
+def test_a_header_of_quotes_alone_is_one_name(tmp_path: Path) -> None:
+    assert open_sheet(table_file(tmp_path, '""""\n1\n'), foreign=True).header == ("column 1",)
