@@ -247,6 +247,13 @@ def test_our_own_export_comes_back(tmp_path: Path) -> None:
     assert_same(import_file(tmp_path / "out.mcap").recording, replace(ours, device_rpy=None))
 
 
+@pytest.mark.parametrize("suffix", ["db3", "bag", "mcap"])
+def test_a_pipe_is_no_bag(tmp_path: Path, suffix: str) -> None:
+    os.mkfifo(tmp_path / f"run.{suffix}")
+    with pytest.raises(RecordingError, match="there is no such file; give a bag that is whole"):
+        import_file(tmp_path / f"run.{suffix}")
+
+
 def test_a_bag_without_its_file_is_refused(tmp_path: Path, recording: Recording) -> None:
     bag = write_bag(tmp_path / "bag", recording)
     bag.write_bytes(b"")

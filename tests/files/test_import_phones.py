@@ -2,6 +2,7 @@
 
 import re
 import shutil
+import warnings
 import zipfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -132,6 +133,14 @@ def test_the_phone_is_recognised_by_the_norm_without_metadata(tmp_path: Path, wr
     place = folder(tmp_path / "w", {"AccelerometerUncalibrated": written, "Gyroscope": TURN})
     (place / "Metadata.csv").unlink()
     assert_allclose(read(place).acc, UP, atol=1e-9)
+
+
+def test_a_sensor_without_any_number_is_refused(tmp_path: Path) -> None:
+    place = folder(tmp_path / "w", {"AccelerometerUncalibrated": np.full_like(UP, np.nan), "Gyroscope": TURN})
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        with pytest.raises(RecordingError, match="its sensors have no time in common"):
+            read(place)
 
 
 @pytest.mark.parametrize("standard", [False, True])

@@ -20,6 +20,7 @@ from pbd.errors import PbdError, RecordingError, amount, in_words, listed, requi
 from pbd.files.importers.columns import remapped, with_source
 from pbd.files.importers.mcap_repair import repaired_bag, zstd_package
 from pbd.files.importers.request import Request
+from pbd.io.atomic import is_file
 from pbd.pose import Array, quat_from_xyzw, quat_to_rpy
 
 IMU, FIELD = "sensor_msgs/msg/Imu", "sensor_msgs/msg/MagneticField"
@@ -50,6 +51,8 @@ def read_bag(request: Request) -> Demonstration | None:
             raise RecordingError.at(path, "only a bag has topics; leave --topic out")
         return None
     request.refuse_rate("a bag has times")
+    if not path.is_dir() and not is_file(path):  # a pipe waits for its writer
+        raise RecordingError.at(path, "there is no such file; give a bag that is whole")
     require_package("rosbags.rosbag2", "ros", "a bag")
     from rosbags import rosbag1, rosbag2
 

@@ -141,7 +141,8 @@ def parts_of_force(
     if program is WATCH or force == ("uncalibrated",):  # as on Android, or reversed and in g
         sheet, columns = found[force[0]]
         norm = np.linalg.norm(sheet.read([name for ours, name in columns.items() if ours != "t"]).values, axis=1)
-        return force, "-g" if np.nanmedian(norm) < 0.5 * GRAVITY else "m/s2"
+        small = 2 * (norm < 0.5 * GRAVITY).sum() > np.isfinite(norm).sum()
+        return force, "-g" if small else "m/s2"
     if program is LOGGER and len(force) > 1 and not metadata:
         what = "Metadata.csv is missing, which says whether the signs are an iPhone's; add it, or export again"
         raise RecordingError.at(path, what)
