@@ -153,7 +153,7 @@ def refuse_backwards(sheet: Sheet, name: str, t: Array) -> None:
         parts = re.fullmatch(r"(.*[.,])(\d+) \1(\d+)", f"{before} {after}")
         if parts and int(parts[2]) < int(parts[3]):  # as 7.90 and 7.100, in ms
             do = "its parts of a second lack their leading zeros, so import it with --rate HZ in place of the times"
-        what = f"time runs backwards from {before} to {after} in column '{name}'; {do}"
+        what = f"time runs backwards from {printable(before)} to {printable(after)} in column '{name}'; {do}"
         if (t > 0.0).all():
             what += f"; if it holds the time since the row before, import it with --column dt={name}"
         raise RecordingError.at(sheet.path, what, line, row=row + 1, value=after, bound=before)
