@@ -25,7 +25,7 @@ from pbd.cli.common import (
     track_demonstration,
 )
 from pbd.cli.console import say
-from pbd.data import Demonstration, Keyframe, Robot, SensorEstimate
+from pbd.data import Calibration, Demonstration, HandPath, Keyframe, Robot, SensorEstimate
 from pbd.data.covariance import keyframe_sigmas
 from pbd.data.keyframe import thing_carriers
 from pbd.errors import RecordingError, UsageError, listed, warn
@@ -51,6 +51,44 @@ def run(args: argparse.Namespace) -> None:
     robot, calibration = (
         load_robot_and_calibration(args.robot, args.calibration) if args.robot else (None, named_calibration(args))
     )
+    path, keyframes = _track(args, demo, calibration)
+    rows = list(map(_row, range(len(keyframes)), keyframes, keyframe_sigmas([each.cov for each in keyframes])))
+    placed, below = None, list[str | Table]()  # what is printed below the keyframes
+    if calibration is not None and (calibration.knows_start or args.tolerance is not None):
+        placed = place_in_base(keyframes, calibration, args.scale, path, args.orientation)
+        if args.calibration:
+            below += _add_base(args, rows, placed)
+    inside = _success(args, placed)
+    if inside is not None:
+        for row, probability in zip(rows, inside.of_each, strict=True):
+            row["probability"] = probability
+        below.append(f"\nprobability that all keyframes are within the tolerance: {inside.band}")
+    if robot is not None and calibration is not None:
+        solved = solve_keyframes(robot, keyframes, calibration, plan_options(args, robot), path)
+        below += _add_joints(args, rows, robot, *solved)
+        remarks = place_remark(robot, calibration, args.calibration), size_remark(robot, calibration, args.scale)
+        for remark in filter(None, remarks):
+            say(remark)
+    result = {
+        "demo": demo.recording.info.name,
+        "keyframes": rows,
+        "sensor_errors": path.sensor and _sensor_errors(path.sensor),
+        "success": inside and {"probability": inside.of_all, "band": inside.band},
+        "frames": [  # each with the tool's position at its first keyframe
+            {"name": name, "keyframes": list(members), "base_position_m": rows[members[0]].get("base_position_m")}
+            for name, members in keyframes_of_things(keyframes).items()
+        ],
+    }
+    table = keyframes_table(keyframes, args.units, inside and inside.of_each)
+    if print_result(args, result, table, *(each for each in below if isinstance(each, Table))):
+        for each in below:
+            print(each) if isinstance(each, str) else print_table(each)
+
+
+def _track(
+    args: argparse.Namespace, demo: Demonstration, calibration: Calibration | None
+) -> tuple[HandPath, tuple[Keyframe, ...]]:
+    """Track as --method says; save the keyframes and assign them to things as --save and --frame say."""
     path, keyframes = track_demonstration(args, demo, calibration)
     if path.claims and demo.keyframes is None:
         fits = (f"{fit.saying} (off by {100.0 * fit.off_m:.1f} cm, {fit.sigmas:.1f} sigma)" for fit in path.claims)
@@ -62,39 +100,7 @@ def run(args: argparse.Namespace) -> None:
             raise UsageError("--tolerance needs an uncertainty, which the paper's method has not; use --method default")
         say("the paper's method gives no uncertainty, so there is no σ")
         keyframes = tuple(replace(keyframe, cov=np.zeros((6, 6))) for keyframe in keyframes)
-    sigmas = keyframe_sigmas([keyframe.cov for keyframe in keyframes])
-    rows = list(map(_row, range(len(keyframes)), keyframes, sigmas))
-    placed = None
-    if calibration is not None and (calibration.knows_start or args.tolerance is not None):
-        placed = place_in_base(keyframes, calibration, args.scale, path, args.orientation)
-    below: list[str | Table] = []  # what is printed below the keyframes
-    if placed is not None and args.calibration:
-        below += _add_base(args, rows, placed)
-    inside = _success(args, placed)
-    if inside is not None:
-        for row, probability in zip(rows, inside.of_each, strict=True):
-            row["probability"] = probability
-        below.append(f"\nprobability that all keyframes are within the tolerance: {inside.band}")
-    if robot is not None and calibration is not None:
-        solved = solve_keyframes(robot, keyframes, calibration, plan_options(args, robot), path)
-        below += _add_joints(args, rows, robot, *solved)
-        for remark in place_remark(robot, calibration, args.calibration), size_remark(robot, calibration, args.scale):
-            if remark:
-                say(remark)
-    result = {
-        "demo": demo.recording.info.name,
-        "keyframes": rows,
-        "sensor_errors": None if path.sensor is None else _sensor_errors(path.sensor),
-        "success": None if inside is None else {"probability": inside.of_all, "band": inside.band},
-        "frames": [  # each with the tool's position at its first keyframe
-            {"name": name, "keyframes": list(members), "base_position_m": rows[members[0]].get("base_position_m")}
-            for name, members in keyframes_of_things(keyframes).items()
-        ],
-    }
-    table = keyframes_table(keyframes, args.units, None if inside is None else inside.of_each)
-    if print_result(args, result, table, *(each for each in below if isinstance(each, Table))):
-        for each in below:
-            print(each) if isinstance(each, str) else print_table(each)
+    return path, keyframes
 
 
 def _load_recorded(args: argparse.Namespace) -> Demonstration:
@@ -183,8 +189,9 @@ def _assign_frames(
         RecordingError: there is no keyframe of that number, or nothing can be saved there.
         UsageError: the thing is unknown, or a keyframe would belong to two things that do not carry each other.
     """
-    known = {names[0] for names, *_ in args.frame}.union(keyframes_of_things(keyframes))
-    refuse_unknown_things((name for names, *_ in args.frame for name in names), sorted(known))
+    things = {names[0] for names, *_ in args.frame}
+    known = sorted(things.union(keyframes_of_things(keyframes)))
+    refuse_unknown_things((name for names, *_ in args.frame for name in names), known)
     frames: dict[int, tuple[str, ...]] = {}
     for names, first, last in args.frame:
         if last >= len(keyframes):
@@ -203,7 +210,7 @@ def _assign_frames(
     if frames and demo.folder is not None:
         file = demo.folder / KEYFRAMES_FILE
         set_frames(file, frames)
-        say(f"{file} says which keyframes belong to {listed({names[0] for names, *_ in args.frame})}")
+        say(f"{file} says which keyframes belong to {listed(things)}")
         for number, names in frames.items():
             for before in set(keyframes[number].frames) - set(names):
                 say(f"keyframe {number} belonged to {before} and no longer does")
