@@ -16,7 +16,7 @@ from pbd.arm.ik.starts import reach
 from pbd.arm.model import ArmModel, load_model
 from pbd.cli.common import load_demonstration, named_calibration, print_result, track_demonstration
 from pbd.cli.console import print_json, say, working
-from pbd.data import HandPath, Robot
+from pbd.data import HandPath
 from pbd.errors import PbdError, RobotError, UsageError, collected_warnings, warn
 from pbd.files.find_by_name import names
 from pbd.files.robot import load_robot, read_robot
@@ -29,36 +29,41 @@ from pbd.view.units import Units
 
 
 def run(args: argparse.Namespace) -> None:
-    """List the robots; or suggest a home and a dock for one; or rank them by a demonstration."""
+    """List the robots, or show one; or suggest a home and a dock for one; or rank them by a demonstration."""
     if args.calibration and (args.suggest is not None or args.demo is None):
         raise UsageError("--calibration is for --for, which ranks the robots: leave it out")
     if args.suggest is not None:
-        return _suggest_home_and_dock(args)
-    if args.demo is not None:
-        return _rank_robots(args)
+        _suggest_home_and_dock(args)
+    elif args.demo is not None:
+        _rank_robots(args)
+    else:
+        _list_robots(args)
+
+
+def _list_robots(args: argparse.Namespace) -> None:
+    """Print all robots; or one, with its notes and which of its links are checked for collisions."""
     with working("reading the robots"):
         arms = [load_model(load_robot(args.robot))] if args.robot else _readable_arms()
-        robots, reach_m = [arm.robot for arm in arms], [reach(arm) for arm in arms]
-        collision = [_collision(arm) for arm in arms] if args.robot else []
+        rows = [_row(arm) for arm in arms]
+        if args.robot:
+            rows[0]["collision"] = _collision(arms[0])
     if args.robot:
         warn_of_frames(arms[0])
-    rows = [_row(robot, reach) for robot, reach in zip(robots, reach_m, strict=True)]
-    for row, checked in zip(rows, collision, strict=False):
-        row["collision"] = checked
-    if not print_result(args, {"robots": rows}, robots_table(robots, reach_m, args.units)):
-        return None
-    for checked in collision:
-        bare = ", ".join(checked["links_without_shape"]) or "none"
-        print(f"\nlinks with a collision shape: {', '.join(checked['links'])}\nlinks without: {bare}")
-        for doubt in checked["doubtful_shapes"]:
-            print(f"contacts may be missed: {doubt['link']} {doubt['why']}")
-        print("\nnot checked against each other:")
-        print_table(words_table(("link", "and link", "why"), (each.values() for each in checked["left_out"])))
-    if args.robot:
-        print("".join(f"\n{note}\n" for note in robots[0].notes), end="")
-    else:
+    table = robots_table([arm.robot for arm in arms], [row["reach_m"] for row in rows], args.units)
+    if not print_result(args, {"robots": rows}, table):
+        return
+    if not args.robot:
         say("`pbd robots NAME` adds what to know about one robot, and which of its links are checked for collisions")
-    return None
+        return
+    checked = rows[0]["collision"]
+    bare = ", ".join(checked["links_without_shape"]) or "none"
+    print(f"\nlinks with a collision shape: {', '.join(checked['links'])}\nlinks without: {bare}")
+    for doubt in checked["doubtful_shapes"]:
+        print(f"contacts may be missed: {doubt['link']} {doubt['why']}")
+    print("\nnot checked against each other:")
+    print_table(words_table(("link", "and link", "why"), (each.values() for each in checked["left_out"])))
+    for note in rows[0]["notes"]:
+        print(f"\n{note}")
 
 
 def _readable_arms() -> list[ArmModel]:
@@ -72,13 +77,14 @@ def _readable_arms() -> list[ArmModel]:
     return arms
 
 
-def _row(robot: Robot, reach_m: float) -> dict[str, Any]:
+def _row(arm: ArmModel) -> dict[str, Any]:
     """Return a robot's row of the JSON."""
+    robot = arm.robot
     return {
         "name": robot.name,
         "description": robot.description,
         "joints": list(robot.joints),
-        "reach_m": reach_m,
+        "reach_m": reach(arm),
         "gripper": robot.gripper is not None,
         "gripper_joints": list(robot.gripper.joints) if robot.gripper else [],
         "limits_source": robot.limits.source,
