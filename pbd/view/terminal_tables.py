@@ -146,16 +146,15 @@ def keyframes_table(keyframes: Sequence[Keyframe], units: Units, inside: Array |
         columns[f"{turn} ({deg})"] = units.angles(values)
     columns[f"σ ({fine.length})"] = fine.lengths(np.fmax.reduce(sigma[:, :3], axis=1), finer=1)
     columns[f"σ ({deg})"] = units.angles(np.fmax.reduce(sigma[:, 3:], axis=1))
-    if any(each.weight < DOUBTED_WEIGHT for each in keyframes):
-        shown = (f"{100.0 * each.weight:.0f} %" if each.weight < DOUBTED_WEIGHT else "" for each in keyframes)
-        columns["a stop?"] = list(shown)
-    if inside is not None:
-        columns["within (%)"] = [f"{100.0 * share:.0f}" for share in inside]
+    weights = (each.weight for each in keyframes)
+    columns["a stop?"] = [f"{100.0 * weight:.0f} %" if weight < DOUBTED_WEIGHT else "" for weight in weights]
+    columns["within (%)"] = [] if inside is None else [f"{100.0 * share:.0f}" for share in inside]
     columns["grip"] = [grips[each.grip] for each in keyframes]
-    if any(each.label for each in keyframes):
-        columns["label"] = [each.label for each in keyframes]
-    if any(each.frames for each in keyframes):
-        columns["belongs to"] = [" on ".join(each.frames) for each in keyframes]
+    columns["label"] = [each.label for each in keyframes]
+    columns["belongs to"] = [" on ".join(each.frames) for each in keyframes]
+    for name in ("a stop?", "within (%)", "label", "belongs to"):
+        if not any(columns[name]):
+            del columns[name]
     return make_table(*columns, left=("label", "belongs to"), rows=zip(*columns.values(), strict=True))
 
 
