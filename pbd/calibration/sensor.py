@@ -70,8 +70,8 @@ def calibrate_sensor(
     """
     gravity, unknown = (GRAVITY, GRAVITY_SIGMA) if gravity is None else (gravity, 0.0)
     _refuse_arguments(recording, gravity, only)
-    wanted = only or KINDS
-    known = SensorErrors(recording.info.sensor) if known is None else known
+    wanted = only or recording.channels
+    known = known or SensorErrors(recording.info.sensor)
     refuse_other_sensor(f"'{recording.info.name}'", recording.info.sensor, known)
     rests = find_rests(recording)
     name = known.sensor if recording.info.sensor == "unknown" else recording.info.sensor
@@ -82,14 +82,13 @@ def calibrate_sensor(
     force = rests.acc if errors.acc is None else errors.acc.correct(rests.acc)
     up: Array = force / np.linalg.norm(force, axis=1, keepdims=True)  # best available vertical
     leaning = up_sigma(errors.acc)
-    if "gyr" in wanted and (recording.gyr is not None or "gyr" in only):
+    if "gyr" in wanted:
         gyr = fit_gyro(recording, rests, None if errors.acc is None else up, leaning)
-        earlier = np.inf if known.gyr is None else np.nan_to_num(known.gyr.matrix_sigma, nan=np.inf)
-        if known.gyr is not None and acc is None and not gyr.matrix_sigma < earlier:
+        if known.gyr and acc is None and not gyr.matrix_sigma < np.nan_to_num(known.gyr.matrix_sigma, nan=np.inf):
             gyr = replace(gyr, matrix=known.gyr.matrix, matrix_sigma=known.gyr.matrix_sigma)
         errors = replace(errors, gyr=gyr)
-    mag, left_out = None, ""
-    if "mag" in wanted and (recording.mag is not None or "mag" in only):
+    mag, left_out = None, list[str]()
+    if "mag" in wanted:
         if recording.mag is None:
             raise CalibrationError("the recording has no magnetometer; record one, or leave it out of --only")
         try:
@@ -98,12 +97,11 @@ def calibrate_sensor(
         except CalibrationError as reason:
             if "mag" in only:
                 raise
-            left_out = f"the magnetometer is left out: {reason}"
+            left_out = [f"the magnetometer is left out: {reason}"]
     if acc is not None:  # an error of gravity scales all axes alike: the vertical's direction does not show it
         matrix_sigma = float(np.hypot(acc.linear.matrix_sigma, unknown / gravity))
         errors = replace(errors, acc=replace(acc.linear, matrix_sigma=matrix_sigma))
-    remarks = (*_remarks(recording, rests, acc, mag), left_out)
-    return SensorFit(errors, rests, acc, mag, tuple(filter(None, remarks)))
+    return SensorFit(errors, rests, acc, mag, (*_remarks(recording, rests, acc, mag), *left_out))
 
 
 def _refuse_arguments(recording: Recording, gravity: float, only: Collection[str]) -> None:
