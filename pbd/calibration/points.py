@@ -140,9 +140,7 @@ def _find_wrong_points(problem: RegistrationProblem) -> tuple[list[int], Registr
         used = [k for k in range(len(problem.points)) if k not in wrong]
         without = {k: register(problem, [*wrong, k]) for k in used if _enough(problem, [*wrong, k])}
         gained = {k: fit.chi2 - each.chi2 for k, each in without.items()}
-        worst = max(gained, key=lambda k: gained[k], default=None)
-        if worst is not None and not _is_wrong(gained[worst], without[worst]):
-            worst = None
+        worst = max((k for k in gained if _is_wrong(gained[k], without[k])), key=lambda k: gained[k], default=None)
         # Rough moves make the misfit up to three times as large as the tracker's sigmas allow, a wrong point over ten.
         if worst is None and fit.chi2 <= 10.0**2 * fit.freedom:
             if _fits_mirrored(SIDEWAYS, problem, fit, wrong):
