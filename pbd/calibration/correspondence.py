@@ -59,16 +59,12 @@ def match_points(p_nav_tip: Array, sigma: Array, points: Array, in_order: bool, 
     sigma = np.hypot(sigma, 0.005)  # m; with less, a hypothesis from two stops is too strict
     best, bound = _best_matches(p_nav_tip, sigma, points, in_order, free), OUTLIER_COST * max(1.0, m - 2.0)
     cost = best[0].cost if best else np.inf
-    exchanged = list[int]()  # two points
+    exchanged = None
     if in_order and m > FEWEST_POINTS and cost > OUTLIER_COST:
-        orders = _best_matches(p_nav_tip, sigma, points, False, free)
-        likely = [match for match in orders if match.cost < orders[0].cost + AMBIGUOUS_COST and len(_moved(match)) == 2]
-        if len({match.stops for match in likely}) == 1 and likely[0].cost < cost - AMBIGUOUS_COST:
-            stops, exchanged = likely[0].stops, _moved(likely[0])
-    if in_order and not exchanged:
+        exchanged = _exchanged(_best_matches(p_nav_tip, sigma, points, False, free), cost)
+    if in_order and exchanged is None:
         if cost <= bound:
-            touched = list(best[0].stops)
-            _warn_of_other_orders(p_nav_tip[touched], sigma[touched], points, bound)
+            _warn_of_other_orders(best[0], p_nav_tip, sigma, points, bound)
         if n == m:
             return tuple(range(m))
     alike = []
@@ -78,11 +74,11 @@ def match_points(p_nav_tip: Array, sigma: Array, points: Array, in_order: bool, 
                 raise mirrored(check)
             if best and other.stops != best[0].stops and other.cost < cost + AMBIGUOUS_COST:
                 alike.append(check)
-    if exchanged:
-        rows = " and ".join(f"{k + 1}" for k in exchanged)
+    if exchanged is not None:
+        rows = " and ".join(f"{k + 1}" for k in _moved(exchanged))
         warn(f"rows {rows} of the points fit if they were touched in each other's place, so they are exchanged")
-        _warn_of_other_orders(p_nav_tip[list(stops)], sigma[list(stops)], points, bound)
-        return stops
+        _warn_of_other_orders(exchanged, p_nav_tip, sigma, points, bound)
+        return exchanged.stops
     if cost > bound:
         raise CalibrationError(
             "no stops of the demonstration have the same distances and heights as the points; check the points' unit, "
@@ -103,6 +99,13 @@ def match_points(p_nav_tip: Array, sigma: Array, points: Array, in_order: bool, 
     return best[0].stops
 
 
+def _exchanged(orders: list[_Match], cost: float) -> _Match | None:
+    """Return the match of two exchanged points, if of all `orders` it alone is likely and clearly below `cost`."""
+    likely = [match for match in orders if match.cost < orders[0].cost + AMBIGUOUS_COST and len(_moved(match)) == 2]
+    alone = len({match.stops for match in likely}) == 1
+    return likely[0] if alone and likely[0].cost < cost - AMBIGUOUS_COST else None
+
+
 def _moved(match: _Match) -> list[int]:
     """Return the points that were touched in another place than theirs in the order."""
     return [k for k, stop in enumerate(sorted(match.stops)) if stop != match.stops[k]]
@@ -117,11 +120,12 @@ def _rival(match: _Match, others: list[_Match]) -> _Match | None:
     return None
 
 
-def _warn_of_other_orders(p: Array, sigma: Array, points: Array, bound: float) -> None:
-    """Warn if the points, touched in their order by stops (m, 3), fit in another order as well, as a square's corners.
+def _warn_of_other_orders(match: _Match, p: Array, sigma: Array, points: Array, bound: float) -> None:
+    """Warn if the points, touched in their order by a match's stops, fit in another order too, as a square's corners.
 
     Such a pose puts two stops on the two points that are farthest apart. `bound` is the largest cost of a fit.
     """
+    p, sigma = p[list(match.stops)], sigma[list(match.stops)]
     given = p, sigma, points, False
     apart = lengths((points[:, None] - points[None])[..., :2])
     ends = list(np.unravel_index(int(np.argmax(apart)), apart.shape))
