@@ -25,38 +25,37 @@ def read_gripper(section: Section, urdf: Urdf, chain: Sequence[UrdfJoint]) -> Gr
         section.fail(
             "joints", f"names {carrier!r}, which moves the tool's body", "set body to a link before that joint"
         )
-    positions = {key: list(section.numbers(key, len(names))) for key in ("open", "closed")}
-    _check_mimicking_fingers(section, urdf, names, positions)
+    positions = {key: dict(zip(names, section.numbers(key, len(names)), strict=True)) for key in ("open", "closed")}
+    _check_mimicking_fingers(section, urdf, positions)
     for follower, mimic in urdf.followers(names).items():
-        for values in positions.values():
-            values.append(mimic.multiplier * values[names.index(mimic.leader)] + mimic.offset)
-        names += (follower,)
-    joints = [urdf.joints[name] for name in names]
-    for key, values in positions.items():
-        check_range(section, key, joints, values)
+        for at in positions.values():
+            at[follower] = mimic.multiplier * at[mimic.leader] + mimic.offset
+    joints = [urdf.joints[name] for name in positions["open"]]
+    for key, at in positions.items():
+        check_range(section, key, joints, list(at.values()))
+    opened, closed = (np.array(list(at.values())) for at in positions.values())
     stroke_s = section.number("stroke_s", positive=True)
-    for joint, opened, closed in zip(joints, positions["open"], positions["closed"], strict=True):
-        if 0.0 < joint.velocity < abs(opened - closed) / stroke_s:  # 0 in a URDF means unknown
-            what = f"moves {joint.name} at {abs(opened - closed) / stroke_s:g}, above the URDF's own {joint.velocity:g}"
+    for joint, speed in zip(joints, np.abs(opened - closed) / stroke_s, strict=True):
+        if 0.0 < joint.velocity < speed:  # 0 in a URDF means unknown
+            what = f"moves {joint.name} at {speed:g}, above the URDF's own {joint.velocity:g}"
             section.fail("stroke_s", what, "make it longer, or correct the URDF")
     mimics = tuple(joint.name for joint in joints if joint.mimic)
-    return Gripper(names, np.array(positions["open"]), np.array(positions["closed"]), stroke_s, mimics)
+    return Gripper(tuple(positions["open"]), opened, closed, stroke_s, mimics)
 
 
-def _check_mimicking_fingers(
-    section: Section, urdf: Urdf, names: Sequence[str], positions: Mapping[str, Sequence[float]]
-) -> None:
+def _check_mimicking_fingers(section: Section, urdf: Urdf, positions: Mapping[str, Mapping[str, float]]) -> None:
     """Refuse a finger that mimics a joint that is not named, or that is not where the joint that it mimics puts it."""
-    for i, name in enumerate(names):
+    names = positions["open"]
+    for name in names:
         mimic = urdf.followers([other for other in names if other != name]).get(name)
         named = urdf.joints[name].mimic
         if mimic is None and named is not None:
             section.fail("joints", f"names {name!r}, which mimics {named.leader!r}", f"name {named.leader!r} instead")
-        for key, values in positions.items():
+        for key, at in positions.items():
             if mimic is not None:
-                wanted = mimic.multiplier * values[names.index(mimic.leader)] + mimic.offset
-                if abs(values[i] - wanted) > MIMIC_TOLERANCE:
-                    what = f"puts {name} at {values[i]:g}, but it mimics {mimic.leader}, which puts it at {wanted:g}"
+                wanted = mimic.multiplier * at[mimic.leader] + mimic.offset
+                if abs(at[name] - wanted) > MIMIC_TOLERANCE:
+                    what = f"puts {name} at {at[name]:g}, but it mimics {mimic.leader}, which puts it at {wanted:g}"
                     section.fail(key, what)
 
 
