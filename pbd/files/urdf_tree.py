@@ -164,40 +164,37 @@ def _check_tree(path: Path, links: Sequence[str], joints: Sequence[UrdfJoint]) -
 def _joint(path: Path, element: ET.Element) -> UrdfJoint:
     """Read a <joint>, whose numbers `read_urdf_xml` has checked."""
     name, kind = _attribute(path, element, "name"), _attribute(path, element, "type")
-    parts = {tag: element.find(tag) for tag in ("parent", "child", "limit")}
-    parent, child, limit = parts.values()
-    axis, mimic = element.find("axis"), element.find("mimic")
     bounded = kind in ("revolute", "prismatic")
-    wrong = None
+    parts = {part.tag: part for part in reversed(list(element))}  # the first of each tag
+    limit, axis, soft = (parts.get(tag, ET.Element(tag)).attrib for tag in ("limit", "axis", "safety_controller"))
+    wrong = ""
     if kind not in JOINT_TYPES:
         wrong = f"has the type '{printable(kind)}'; make it one of {listed(JOINT_TYPES)}"
-    elif lacking := [tag for tag, part in parts.items() if part is None and (tag != "limit" or bounded)]:
+    elif lacking := [tag for tag in ("parent", "child", *["limit"] * bounded) if tag not in parts]:
         wrong = f"has no {listed(f'<{tag}>' for tag in lacking)}; add it"
-    elif axis is not None and kind in ACTUATED and not any(map(float, axis.get("xyz", "1").split())):
+    elif kind in ACTUATED and not any(map(float, axis.get("xyz", "1").split())):
         wrong = "has no axis to move about; give it one"
-    if wrong or parent is None or child is None:
+    if wrong:
         raise RobotError.at(path, f"joint {name!r} {wrong}", joint=name)
-    limits = {} if limit is None else limit.attrib
-    ends = {"lower": -math.inf, "upper": math.inf}
-    lower, upper = (float(limits.get(key, 0.0)) if bounded else end for key, end in ends.items())
-    soft = element.find("safety_controller")
-    if bounded and soft is not None and {"soft_lower_limit", "soft_upper_limit"} <= soft.attrib.keys():
-        lower = max(lower, float(soft.attrib["soft_lower_limit"]))
-        upper = min(upper, float(soft.attrib["soft_upper_limit"]))
+    lower, upper = -math.inf, math.inf
+    if bounded:
+        lower, upper = (float(limit.get(key, 0.0)) for key in ("lower", "upper"))
+        if {"soft_lower_limit", "soft_upper_limit"} <= soft.keys():
+            lower, upper = max(lower, float(soft["soft_lower_limit"])), min(upper, float(soft["soft_upper_limit"]))
     if kind == "prismatic":  # some URDFs write 1e16 for "no limit": no collision check would come to an end
         lower, upper = max(lower, -LONGEST_M), min(upper, LONGEST_M)
     follows = None
-    if mimic is not None and kind != "fixed":  # some exporters keep the <mimic> of a joint that they fixed
+    if (mimic := parts.get("mimic")) is not None and kind != "fixed":  # exporters keep the <mimic> of what they fixed
         gear, offset = float(mimic.get("multiplier", "1")), float(mimic.get("offset", "0"))
         follows = MimicJoint(name, _attribute(path, mimic, "joint"), gear, offset)
     return UrdfJoint(
         name=name,
         kind=kind,
-        parent=_attribute(path, parent, "link"),
-        child=_attribute(path, child, "link"),
+        parent=_attribute(path, parts["parent"], "link"),
+        child=_attribute(path, parts["child"], "link"),
         lower=lower,
         upper=upper,
-        velocity=float(limits.get("velocity", math.inf)),
+        velocity=float(limit.get("velocity", math.inf)),
         mimic=follows,
     )
 
