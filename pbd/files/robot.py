@@ -83,9 +83,7 @@ def read_robot(path: Path, *, draft: bool = False) -> Robot:
     moved = {*mimic_joints, *(joint.name for joint in joints), *(gripper.joints if gripper else ())}
     if not draft:
         _warn_of_unmoved(urdf, moved)
-    may_touch = () if arm is None else arm.pairs("may_touch")
-    if arm is not None and (unknown := [link for pair in may_touch for link in pair if link not in urdf.links]):
-        arm.fail("may_touch", f"names {unknown[0]!r}, which is no link of the URDF")
+    may_touch = () if arm is None else _may_touch(arm, urdf)
     robot = Robot(
         name=name,
         description=description,
@@ -180,6 +178,13 @@ def _arm_joints(arm: Section, movable: Sequence[UrdfJoint]) -> list[UrdfJoint]:
     return [joint for joint in movable if joint.name in wanted]
 
 
+def _may_touch(arm: Section, urdf: Urdf) -> tuple[tuple[str, str], ...]:
+    pairs = arm.pairs("may_touch")
+    if unknown := [link for pair in pairs for link in pair if link not in urdf.links]:
+        arm.fail("may_touch", f"names {unknown[0]!r}, which is no link of the URDF")
+    return pairs
+
+
 def _warn_of_unmoved(urdf: Urdf, moved: Collection[str]) -> None:
     """Warn of joints that nothing moves where 0, at which they are taken to stand, is wrong."""
     unmoved = [joint for name, joint in urdf.joints.items() if name not in moved and joint.kind in ACTUATED]
@@ -214,7 +219,8 @@ def _servos(section: Section, k: int, gripper: Gripper | None) -> ServoUnits:
     )
 
 
-def _limits(section: Section, urdf: Urdf, joints: Sequence[UrdfJoint]) -> JointLimits:
+def _check_travel(urdf: Urdf, joints: Sequence[UrdfJoint]) -> None:
+    """Refuse a joint that has no room to move; warn of a range so wide that its unit is in doubt."""
     for joint in joints:
         if not joint.lower < joint.upper:
             what = f"joint {joint.name!r} has no room to move: lower {joint.lower:g}, upper {joint.upper:g}"
@@ -224,13 +230,16 @@ def _limits(section: Section, urdf: Urdf, joints: Sequence[UrdfJoint]) -> JointL
         if wide := [joint for joint in joints if joint.kind == kind and joint.upper - joint.lower > widest]:
             what = f"limits of many {many}: {listed(f'{j.name} {j.lower:g}..{j.upper:g} {unit}' for j in wide)}"
             warn(f"{urdf.path}: {what}; if these are {mistaken}, correct the <limit>; if there are none, {fix}")
-    values: dict[str, tuple[float, ...]] = {}
-    sources = {"position": "the URDF"}
+
+
+def _limits(section: Section, urdf: Urdf, joints: Sequence[UrdfJoint]) -> JointLimits:
+    _check_travel(urdf, joints)
+    values = {"velocity": tuple(joint.velocity for joint in joints)}
+    sources = dict.fromkeys(("position", "velocity"), "the URDF")
     general = section.text("source", "")
-    if "velocity" not in section:
-        if bad := [joint.name for joint in joints if not SMALLEST_POSITIVE <= joint.velocity < np.inf]:
-            section.fail("velocity", f"is missing and the URDF sets no limit above zero for {listed(bad)}", "add it")
-        values["velocity"], sources["velocity"] = tuple(joint.velocity for joint in joints), "the URDF"
+    unknown = [each.name for each in joints if not SMALLEST_POSITIVE <= each.velocity < np.inf]
+    if "velocity" not in section and unknown:
+        section.fail("velocity", f"is missing and the URDF sets no limit above zero for {listed(unknown)}", "add it")
     for key in ("velocity", "acceleration", "jerk", "effort"):
         if key in section or key in ("acceleration", "jerk"):  # the URDF's effort is often a placeholder
             values[key] = section.numbers(key, len(joints), positive=True)
@@ -239,12 +248,12 @@ def _limits(section: Section, urdf: Urdf, joints: Sequence[UrdfJoint]) -> JointL
         if velocity > joint.velocity > 0.0:  # 0 in a URDF means unknown
             what = f"gives {joint.name} {velocity:g}, above the URDF's own {joint.velocity:g}"
             section.fail("velocity", what, "lower it, or correct the URDF")
-    distinct = dict.fromkeys(sources[key] for key in values)
+    distinct = {sources[key] for key in values}
     return JointLimits(
         lower=np.array([joint.lower for joint in joints]),
         upper=np.array([joint.upper for joint in joints]),
         **{key: np.array(value) for key, value in values.items()},
-        source=next(iter(distinct)) if len(distinct) == 1 else "; ".join(f"{key}: {sources[key]}" for key in values),
+        source=distinct.pop() if len(distinct) == 1 else "; ".join(f"{key}: {sources[key]}" for key in values),
         sources=sources,
     )
 
