@@ -40,16 +40,16 @@ def read_points(path: Path, unit: str | None = None) -> Points:
     sheet = open_sheet(path, foreign=True, error=CalibrationError)
     sheet = replace(sheet, body=without_thousands(sheet.body, sheet.delimiter), cells_required=True)
     column = {re.sub(r"\W+(?:in\W+)?", "_", name.lower()).strip("_"): name for name in sheet.header}
-    named = next((u for u in UNITS if all(f"{axis}_{u}" in column for axis in "xyz")), None)
-    plain = all(axis in column for axis in "xyz")
-    if named is None and plain and unit is None:
-        wanted = "name the columns x_m,y_m,z_m (or _cm, _mm), or give --unit"
-        raise CalibrationError.at(path, f"the unit of x, y, z is not known; {wanted}")
-    if named is None and not plain:
+    endings = {f"_{name}": name for name in UNITS} | {"": unit}  # of the columns' names -> the unit
+    ending = next((each for each in endings if all(f"{axis}{each}" in column for axis in "xyz")), None)
+    if ending is None:
         wanted = "they must be x_m, y_m and z_m (or _cm, _mm), and perhaps name"
         raise CalibrationError.at(path, f"the columns are {listed(sheet.header)}; {wanted}")
-    columns = [column[f"{axis}_{named}" if named else axis] for axis in "xyz"]
-    p_base = sheet.read(columns).values * UNITS[named or unit or "m"]
+    if (unit := endings[ending]) is None:
+        wanted = "name the columns x_m,y_m,z_m (or _cm, _mm), or give --unit"
+        raise CalibrationError.at(path, f"the unit of x, y, z is not known; {wanted}")
+    columns = [column[f"{axis}{ending}"] for axis in "xyz"]
+    p_base = sheet.read(columns).values * UNITS[unit]
     of_names = column.get("name", sheet.header[0])
     names = [f"{k}" for k in range(1, len(p_base) + 1)] if of_names in columns else sheet.words(of_names)
     for name, point in zip(names, p_base, strict=True):
