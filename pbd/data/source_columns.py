@@ -110,6 +110,11 @@ class SourceColumns:
         """Add columns or files that were not read, and why."""
         return replace(self, unread={**self.unread, **unread})
 
+    def without(self, channel: str, why: str) -> SourceColumns:
+        """Leave out the columns of a channel, which were not read, and say why."""
+        columns = tuple(column for column in self.columns if column not in self.of(channel))
+        return replace(self, columns=columns).with_unread({column.name: why for column in self.of(channel)})
+
     @property
     def time_unit_by(self) -> str:
         """Who decided the unit of the times: NO_UNIT, DATES, or another one."""

@@ -58,6 +58,7 @@ def read_csv(request: Request) -> Demonstration | None:
     elif request.suffix not in TEXT:
         return None
     given = {ours: name for ours, name in request.columns.items() if ours not in request.beside}
+    grip_column = given.pop("grip", "")
     text = foreign_text(path, files[path.stem]() if files else None)
     sheet, rate_hz = _opened(replace(request, path=path), given, text)
     sheet = with_columns_for_each_sensor(sheet)
@@ -74,35 +75,29 @@ def read_csv(request: Request) -> Demonstration | None:
         table, found, own = _timed(sheet, found, given, units, in_steps)
     else:
         table, own = sheet.read([column.name for column in found.columns]), {}
-    understood, magnetometer = magnetometer_beside(path, files, found, units)
     with np.errstate(all="ignore"):  # infinite values are repaired later, like other invalid samples
         channels = {channel: scaled(table, found, channel) for channel in CHANNELS if found.of(channel)}
+        found, magnetometer = magnetometer_beside(path, files, found, units)
         if parts:
             channels["acc"] = add_rest(sheet, channels["acc"], found, parts)
             for gravity, rest in parts.values():
-                understood = understood.with_column(gravity, named_by="its name").with_unread(
-                    {rest: "added to gravity"}
-                )
+                found = found.with_column(gravity, named_by="its name").with_unread({rest: "added to gravity"})
         for channel in {"angle", "rpy"} & channels.keys():  # WitMotion leaves an output that is off empty
             if not np.isfinite(channels[channel]).any():
-                empty = dict.fromkeys((column.name for column in understood.of(channel)), "no number in any row")
-                kept = tuple(column for column in understood.columns if column.name not in empty)
-                understood = replace(understood, columns=kept).with_unread(empty)
+                found = found.without(channel, "no number in any row")
                 del channels[channel]
         if "t" in channels:
             steps = channels["t"][:, 0]
             t = unwrapped(np.cumsum(steps) if in_steps else steps, found, sheet)
         else:
             t, counted_by = _at_rate(sheet, rate_hz or 1.0, len(table.values))
-            understood = understood.with_unread(counted_by)
-        grip_name, grip = read_grip(sheet, given, t - t[np.isfinite(t)][0])
-        if grip_name:
-            does = (f"{'closes' if event.closed else 'opens'} at {event.t:.1f} s" for event in grip)
-            understood = understood.with_unread({grip_name: f"read as the grip: {listed(does) or 'always open'}"})
+            found = found.with_unread(counted_by)
+        read_as_grip, grip = read_grip(sheet, grip_column, t - t[np.isfinite(t)][0])
+        found = found.with_unread(read_as_grip)
         if "t" in channels:
             t, channels = _with_times(sheet, table, found, t, channels, own)
         mag, compass = channels.get("mag"), channels.get("angle")
-        sensor = next((program.sensor for program in PROGRAMS if program.title == understood.program), "unknown")
+        sensor = next((program.sensor for program in PROGRAMS if program.title == found.program), "unknown")
         recording = Recording(
             t=t - t[0],
             acc=channels["acc"],
@@ -110,10 +105,9 @@ def read_csv(request: Request) -> Demonstration | None:
             mag=magnetometer.at(t) if mag is None and magnetometer is not None else mag,
             device_rpy=channels.get("rpy") if compass is None else rpy_from_compass(compass),
             grip=grip,
-            info=RecordingInfo(sensor=sensor, rate_hz=rate_hz, source=understood),
+            info=RecordingInfo(sensor=sensor, rate_hz=rate_hz, source=found),
         )
-        if found.of("t"):
-            recording = _without_repeats(path, recording)
+        recording = _without_repeats(path, recording)
     return Demonstration(remapped(path, recording, request.beside))
 
 
@@ -143,14 +137,13 @@ def _understood(
 
     A column of dates is recognised by its contents: it may have any name.
     """
-    columns = {"t" if ours == "dt" else ours: name for ours, name in given.items() if ours != "grip"}
+    columns = {"t" if ours == "dt" else ours: name for ours, name in given.items()}
     found = understand(sheet, columns, units)
     if rate_hz is not None and (wrong := found.of("t")):
         name = wrong[0].name
         other = _other_rate(sheet, name, rate_hz)
         warn(f"{sheet.path}: --rate {rate_hz:g} is used instead of the times in the column '{name}'{other}")
-        others = tuple(column for column in found.columns if column not in wrong)
-        found = replace(found, columns=others).with_unread({name: "--rate is used instead"})
+        found = found.without("t", "--rate is used instead")
     elif rate_hz is None and not found.of("t"):
         if dates := dated_column(sheet):
             return understand(sheet, {**columns, "t": dates}, units).with_column(dates, named_by=DATES), False
@@ -189,17 +182,15 @@ def _timed(
     clocks = [column.name for column in found.of("t")]
     if not {"t", "dt"} & given.keys() and found.of("t")[0].named_by == "its name":
         clocks = [name for name in sheet.header if is_time(name)]
-    own = {channel: name for channel in ("gyr", "mag") for name in sheet.header if own_times_of(name) == channel[0]}
-    own = {channel: name for channel, name in own.items() if found.of(channel)}
+    measured = [channel for channel in ("gyr", "mag") if found.of(channel)]
+    own = {channel: name for channel in measured for name in sheet.header if own_times_of(name) == channel[0]}
     stamped = [*clocks, *own.values()]
-    names = [column.name for column in found.columns]
-    table = sheet.read([*names, *stamped], times=stamped)
+    table = sheet.read([*(column.name for column in found.columns), *stamped], times=stamped)
     read = {"", *(column.name for column in found.columns if column.ours != "t")}
     unread = () if in_steps else [name for name in sheet.header if name not in read]
     table, best, part = choose_clock(sheet, table, clocks, unread, units)
     if best != found.of("t")[0].name:
-        columns = {ours: name for ours, name in given.items() if ours != "grip"}
-        found = understand(sheet, {**columns, "t": best}, units)
+        found = understand(sheet, {**given, "t": best}, units)
         found = found.with_column(best, named_by="the best of several times")
     if is_stamp(sheet.cell(best, 0)[1]):
         if "t" in units:

@@ -2,7 +2,6 @@
 
 import math
 import re
-from collections.abc import Mapping
 from contextlib import suppress
 
 from pbd.data import GripEvent
@@ -24,19 +23,18 @@ _SAYS = r"(?:is_)?(?:grip|gripper|hand)(?:_is)?_(?P<state>closed?|open(?:ed)?)"
 _MAY_SAY = r"(?:.*_)?grip(?:per)?(?:_(?:state|cmd|command|status|pos|position))?"
 
 
-def read_grip(sheet: Sheet, columns: Mapping[str, str], t: Array) -> tuple[str, tuple[GripEvent, ...]]:
-    """Return the column of the grip, or "", and the events at which it closes or opens.
+def read_grip(sheet: Sheet, given: str, t: Array) -> tuple[dict[str, str], tuple[GripEvent, ...]]:
+    """Return the column of the grip, if there is one, with how it was read, and the events of closing and opening.
 
     An empty cell leaves the grip as it is. It is open before the first row.
 
     Args:
-        columns: the caller's; `grip` is a column in which 1 is closed, -NAME one in which 1 is open.
+        given: the caller's column, in which 1 is closed; -NAME: in which 1 is open; "": none.
         t: (rows,) s from the first row.
 
     Raises:
         RecordingError: there is no such column, or a cell says neither open nor closed.
     """
-    given = columns.get("grip", "")
     name = given if given in sheet.header else given.removeprefix("-")
     reverse = name != given
     if given:
@@ -56,7 +54,7 @@ def read_grip(sheet: Sheet, columns: Mapping[str, str], t: Array) -> tuple[str, 
                 high = max(words) if likely <= {0.0, 1.0} else f"above {HALF_CLOSED:g}"
                 warn(f"{what}: import it with {option} if {high} is closed, or with grip=- and its name if open")
     if not name:
-        return "", ()
+        return {}, ()
     sheet.refuse_duplicates((name,))
     events, closed = [], False
     levels: set[float] = set()
@@ -80,7 +78,8 @@ def read_grip(sheet: Sheet, columns: Mapping[str, str], t: Array) -> tuple[str, 
             what = f"{column} goes from {min(levels):g} to {max(levels):g}, and does not cross {HALF_CLOSED:g}"
             raise RecordingError.at(sheet.path, f"{what}; scale it, so that it goes from 0 to 1")
         warn(f"{column} has fractions: the grip is {'open' if reverse else 'closed'} above {HALF_CLOSED:g}")
-    return name, tuple(events)
+    does = (f"{'closes' if event.closed else 'opens'} at {event.t:.1f} s" for event in events)
+    return {name: f"read as the grip: {listed(does) or 'always open'}"}, tuple(events)
 
 
 def _level(word: str) -> float | None:
