@@ -24,7 +24,7 @@ from pbd.files.importers.header_names import (
     time_unit,
     why_never_read,
 )
-from pbd.files.table import Sheet, Table
+from pbd.files.table import Sheet, Table, refuse_missing
 from pbd.pose import Array
 
 WHY_UNUSED = "a file that isn't used"
@@ -99,18 +99,15 @@ def understand(sheet: Sheet, columns: Mapping[str, str], units: Mapping[str, str
     stems = {word[:-1] for word in words if word.endswith("_w")}  # x, y, z beside a w are a quaternion
     named = [name for name in header if plain(name)[:-1] not in stems]
     found = {ours: (name, 1.0, "its name") for ours, name in _by_name(named).items()}
-    for ours, name in columns.items():
-        if ours not in CHANNEL_OF:
-            raise UsageError(f"unknown channel '{ours}'; choose one of {', '.join(CHANNEL_OF)}", value=ours)
-        reversed_ = name not in header and name.startswith("-")
-        name = name[1:] if reversed_ else name
-        if name not in header:
-            raise RecordingError.at(path, f"no column '{name}'; the columns are {listed(header)}", value=name)
-        found[ours] = name, -1.0 if reversed_ else 1.0, "--column"
+    for ours, given in columns.items():
+        _channel(ours)
+        sign, name = (1.0, given) if given in header else _split_sign(given)
+        refuse_missing(path, header, [name], RecordingError)
+        found[ours] = name, sign, "--column"
     for angles in (CHANNELS["angle"], RPY):
         if not set(angles) <= set(found) and not set(columns) & set(angles):
             # The origin and sign of a single angle are unknown: the gyro is more reliable.
-            found = {ours: given for ours, given in found.items() if ours not in angles}
+            found = {ours: each for ours, each in found.items() if ours not in angles}
     beside = {CHANNEL_OF[ours]: unit for ours, (name, _, _) in found.items() if (unit := split_unit(name)[1])}
     read = []
     for ours, (name, sign, by) in sorted(found.items(), key=lambda each: header.index(each[1][0])):
@@ -154,6 +151,18 @@ def _by_name(header: Sequence[str]) -> dict[str, str]:
     return found
 
 
+def _channel(ours: str) -> str:
+    """Return the channel of one of our names; UsageError: it is unknown."""
+    if ours not in CHANNEL_OF:
+        raise UsageError(f"unknown channel '{ours}'; choose one of {', '.join(CHANNEL_OF)}", value=ours)
+    return CHANNEL_OF[ours]
+
+
+def _split_sign(given: str) -> tuple[float, str]:
+    """Return the sign that -NAME or -UNIT gives, and the name or unit."""
+    return (-1.0, given[1:]) if given.startswith("-") else (1.0, given)
+
+
 def _unit(
     path: Path, name: str, ours: str, units: Mapping[str, str], beside: Mapping[str, str], program: Program | None
 ) -> tuple[float, str, str]:
@@ -173,9 +182,7 @@ def _unit(
         given, by = program.units[channel], program.title
     if not given:
         return 1.0, standard, NO_UNIT
-    unit = normalized_unit(given)
-    sign = -1.0 if unit.startswith("-") else 1.0
-    unit = unit.removeprefix("-")
+    sign, unit = _split_sign(normalized_unit(given))
     if unit_factor(channel, unit) is None:
         what = f"the unit '{printable(given)}' of column '{printable(name)}' is not known; give one of"
         what += f" {', '.join(UNITS[channel])} with --unit {channel}=UNIT" + ", or --rate HZ" * (channel == "t")
@@ -259,22 +266,20 @@ def remapped(
     changed = {name: values.copy() for name, values in read.items()}
     by_ours = {(column.ours, column.name if column.ours == "t" else ""): column for column in understood.columns}
     for ours, name in columns.items():
-        channel = CHANNEL_OF.get(ours, "")
-        if not channel:
-            raise UsageError(f"unknown channel '{ours}'; choose one of {', '.join(CHANNEL_OF)}", value=ours)
+        channel = _channel(ours)
         axes = understood.of(channel) if channel in read else []
-        bare = name if any(name == column.name for column in axes) else name.removeprefix("-")
+        sign, bare = (1.0, name) if name in [column.name for column in axes] else _split_sign(name)
         source = next((column for column in axes if bare in (column.name, column.ours)), None)
         if source is None:
             have = f"its columns for {ours} are {listed(column.name for column in axes)}"
             raise RecordingError.at(path, f"no column '{printable(name)}'; {have}", value=name)
         # The file's name means the values in the file; our name means our values, whose sign may be reversed already.
-        sign = (1.0 if bare == name else -1.0) * (source.sign if bare == source.name else 1.0)
+        sign *= source.sign if bare == source.name else 1.0
         to, origin = CHANNELS[channel].index(ours), CHANNELS[channel].index(source.ours)
         changed[channel][:, to] = sign * read[channel][:, origin]
         by_ours[ours, ""] = replace(source, ours=ours, sign=sign * source.sign, named_by="--column")
     for channel, given in units.items():
-        unit, sign = given.removeprefix("-"), -1.0 if given.startswith("-") else 1.0
+        sign, unit = _split_sign(given)
         factor = unit_factor(channel, unit) if channel in read else None
         if factor is None:
             known = f"give one of {', '.join(UNITS[channel])}" if channel in read else f"give it for {', '.join(read)}"
