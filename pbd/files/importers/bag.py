@@ -54,25 +54,7 @@ def read_bag(request: Request) -> Demonstration | None:
     if not path.is_dir() and not is_file(path):  # a pipe waits for its writer
         raise RecordingError.at(path, "there is no such file; give a bag that is whole")
     require_package("rosbags.rosbag2", "ros", "a bag")
-    from rosbags import rosbag1, rosbag2
-
-    kind: Any = rosbag1 if path.suffix.lower() == ".bag" and path.is_file() else rosbag2
-    try:
-        with repaired_bag(path) as repaired, kind.Reader(repaired) as reader:
-            imus, field = _choose_topics(path, reader.connections, topic)
-            wanted = {name: _Decoder(path, VECTORS[IMU if name in imus else FIELD]) for name in (*imus, *field)}
-            given = {each.topic: each.msgtype for each in reader.connections}
-            for name, received, data in _messages(path, reader, wanted):
-                wanted[name].add(received, data)
-    except PbdError:
-        raise
-    except Exception as reason:  # damaged bytes cause errors of sqlite, yaml and zstd
-        do = "try `rosbag reindex`, or record it again" if kind is rosbag1 else "record it again"
-        what = f"can't be read as a bag ({in_words(reason)}); {do}"
-        raise RecordingError.at(path, what) from None
-    read = {name: decoder.all() for name, decoder in wanted.items()}
-    if empty := next((name for name in imus if not len(read[name][0])), None):
-        raise RecordingError.at(path, f"its {empty} ({IMU}) has no messages; record it again, or name another --topic")
+    imus, field, read, unread = _read_topics(path, topic)
     of_gyr, of_acc = imus[-1], imus[0]
     begin, values = read[of_gyr][0][0], read[of_gyr][1]
     times = {name: 1e-9 * (ns - begin) for name, (ns, _) in read.items()}
@@ -91,9 +73,34 @@ def read_bag(request: Request) -> Demonstration | None:
     names = {"t": f"{of_gyr}: header.stamp", "gyr": f"{of_gyr}: angular_velocity"}
     names |= {"acc": f"{of_acc}: linear_acceleration", "rpy": f"{of_gyr}: orientation"}
     names |= {"mag": f"{field[0]}: magnetic_field"} if field else {}
-    unread = {name: f"another topic, of {kind}" for name, kind in given.items() if name not in wanted}
     recording = with_source(recording, names, "its type", unread, {"mag": "T"})
     return Demonstration(remapped(path, recording, request.columns, request.units))
+
+
+def _read_topics(
+    path: Path, topic: str | None
+) -> tuple[list[str], list[str], dict[str, tuple[NDArray[np.int64], Array]], dict[str, str]]:
+    """Return the topics of `_choose_topics`, each one's stamps and vectors, and the other topics, with their types."""
+    from rosbags import rosbag1, rosbag2
+
+    kind: Any = rosbag1 if path.suffix.lower() == ".bag" and path.is_file() else rosbag2
+    try:
+        with repaired_bag(path) as repaired, kind.Reader(repaired) as reader:
+            imus, field = _choose_topics(path, reader.connections, topic)
+            wanted = {name: _Decoder(path, VECTORS[IMU if name in imus else FIELD]) for name in (*imus, *field)}
+            types = {each.topic: each.msgtype for each in reader.connections}
+            for name, received, data in _messages(path, reader, wanted):
+                wanted[name].add(received, data)
+    except PbdError:
+        raise
+    except Exception as reason:  # damaged bytes cause errors of sqlite, yaml and zstd
+        do = "try `rosbag reindex`, or record it again" if kind is rosbag1 else "record it again"
+        what = f"can't be read as a bag ({in_words(reason)}); {do}"
+        raise RecordingError.at(path, what) from None
+    read = {name: decoder.all() for name, decoder in wanted.items()}
+    if empty := next((name for name in imus if not len(read[name][0])), None):
+        raise RecordingError.at(path, f"its {empty} ({IMU}) has no messages; record it again, or name another --topic")
+    return imus, field, read, {name: f"another topic, of {of}" for name, of in types.items() if name not in wanted}
 
 
 class _Decoder:
