@@ -78,33 +78,39 @@ def read_sensor_files(request: Request) -> Demonstration | None:
     return _read_named(request, files)
 
 
-def _read_documented(request: Request, program: Program, files: Files) -> Demonstration | None:
-    """Read a program's sensors, which the columns of its files tell, in the named file first; None: there are none.
+def _find_sensors(request: Request, program: Program, files: Files) -> dict[str, Part]:
+    """Find a program's sensors, which the columns of its files tell, in the named file first.
 
     phyphox writes files without rows too, as for a magnetometer that the phone lacks.
     """
     path, found, broken = request.path, dict[str, Part](), dict[str, RecordingError]()
-    for name in sorted(files, key=lambda name: (name != path.stem, name)):
-        if program is not PHYPHOX and name not in program.files:
-            continue
+    is_phyphox = program is PHYPHOX
+    may_hold = files if is_phyphox else files.keys() & {*program.files}
+    for name in sorted(may_hold, key=lambda name: (name != path.stem, name)):
         try:
             sheet = sheet_of(path, name, files[name])
         except RecordingError as error:
-            if program is not PHYPHOX and name not in PHYPHOX.files:
+            if not is_phyphox and name not in PHYPHOX.files:
                 raise
             broken[name] = error
             continue
         for sensor, columns in sensors_in(program, name, sheet.header).items():
-            if sensor in found and program is PHYPHOX and not request.is_csv:
+            if sensor in found and is_phyphox and not request.is_csv:
                 what = f"'{list(columns.values())[1]}' is in {name}.csv and in another file too"
                 raise RecordingError.at(path, f"{what}; keep one recording in a folder")
             found.setdefault(sensor, (sheet, columns))
-    if not found:
-        return None
-    for name in sorted(broken.keys() & {*program.files}):
-        if program is not PHYPHOX or not {"acc", "gyr"} <= found.keys():
+    for name in sorted(broken.keys() & {*program.files}) if found else ():
+        if not (is_phyphox and {"acc", "gyr"} <= found.keys()):
             raise broken[name]
         warn(f"{broken[name].message.partition('; ')[0]}; the recording is read without this file")
+    return found
+
+
+def _read_documented(request: Request, program: Program, files: Files) -> Demonstration | None:
+    """Read a recording whose program documents its sensors; None: there are none."""
+    path, found = request.path, _find_sensors(request, program, files)
+    if not found:
+        return None
     force, unit = parts_of_force(path, program, found, read_metadata(path, files))
     request.refuse_rate("an app's file has times")
     if WRIST in files and program is not WATCH:
@@ -137,12 +143,12 @@ def _experiment_clock(path: Path, files: Files) -> PausedClock:
     return clock
 
 
-def _read_named(request: Request, files: Files) -> Demonstration | None:
-    path, is_csv = request.path, request.is_csv
-    recordings: dict[str, dict[str, Part]] = {}
+def _files_by_device(request: Request, files: Files) -> dict[str, dict[str, Part]]:
+    """Return each device's channels, which the files' names tell; of a file that is named, its device alone."""
+    path, recordings = request.path, dict[str, dict[str, Part]]()
     for name in files:
         device, channel = _sensor(name)
-        if not channel or (is_csv and device != _sensor(path.stem)[0]):
+        if not channel or (request.is_csv and device != _sensor(path.stem)[0]):
             continue
         sheet = sheet_of(path, name, files[name])
         with may_be_removed(name):
@@ -153,6 +159,11 @@ def _read_named(request: Request, files: Files) -> Demonstration | None:
         if first is not sheet:
             both = f"{first.path.name} and {sheet.path.name} are of the same sensor"
             raise RecordingError.at(path, f"{both}; keep one recording in a folder")
+    return recordings
+
+
+def _read_named(request: Request, files: Files) -> Demonstration | None:
+    path, is_csv, recordings = request.path, request.is_csv, _files_by_device(request, files)
     if is_csv and all(sheet.path != path for of in recordings.values() for sheet, _ in of.values()):
         return None
     if len(recordings) > 1:
