@@ -28,13 +28,8 @@ def with_columns_for_each_sensor(sheet: Sheet) -> Sheet:
     body = io.StringIO()
     writer = csv.writer(body, delimiter=sheet.delimiter, lineterminator="\n")
     for row in csv.reader(io.StringIO(sheet.body), delimiter=sheet.delimiter):
-        if len(row) != len(sheet.header):
-            writer.writerow(row)  # is refused with its line
-            continue
-        cells = [row[i] for i in kept] + [""] * (len(axes) * len(sensors))
-        word = row[k].strip()
-        if word in sensors:
-            at = len(kept) + len(axes) * sensors.index(word)
-            cells[at : at + len(axes)] = [row[i] for i in axes]
-        writer.writerow(cells)
+        if len(row) == len(sheet.header):  # a row of another length is refused with its line
+            word = row[k].strip()
+            row = [row[i] for i in kept] + [row[i] if word == sensor else "" for sensor in sensors for i in axes]
+        writer.writerow(row)
     return replace(sheet, header=tuple(header), body=body.getvalue())
