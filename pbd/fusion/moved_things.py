@@ -86,22 +86,25 @@ def find_moved_keyframes(takes: Sequence[Keyframes]) -> MovedKeyframes | None:
             # In a take of another task, or in another order, the keyframes are not the object's even if put back.
             if gained > 0.0 and may_match(ref[at], second.apply(takes[k])[at]).all():
                 gain, back[k] = gain + gained, second
-        if gain < (LEAST_GAIN if best is None else best.gain):
-            continue
         registered = {k: first_frame for k, (_, first_frame, _) in apart.items()}
-        places = {k: one.apply(takes[k]).p[run] for k, one in registered.items()} | {reference: ref.p[run]}
-        shifts = np.array([places[k] - ref.p[run] for k in back])
-        far, every = lengths(shifts) > MATCH_M, np.array(list(places.values()))
-        if len(run) > 1:
-            elsewhere = bool(far.any(axis=0).all())
-        else:
-            alike = (lengths(every[:, None] - every) <= MATCH_M).sum(axis=1)  # takes with it at the same place
-            level = np.abs(shifts[..., 2]).max() < LEVEL_M
-            enough = len(back) + 1 >= LEAST_TAKES and 2 * alike.max() <= len(every)
-            elsewhere = bool(far.all() and level and enough)
-        if elsewhere:
-            best = MovedKeyframes(first, end - 1, gain, reference, registered, back)
+        found = MovedKeyframes(first, end - 1, gain, reference, registered, back)
+        if gain >= (best.gain if best else LEAST_GAIN) and _stood_elsewhere(found, takes):
+            best = found
     return best
+
+
+def _stood_elsewhere(moved: MovedKeyframes, takes: Sequence[Keyframes]) -> bool:
+    """Say whether keyframes are far from the reference's in the takes in which they moved; a single one also level."""
+    run = slice(moved.first, moved.last + 1)
+    p_ref = takes[moved.reference].p[run]
+    places = {k: one.apply(takes[k]).p[run] for k, one in moved.rest.items()} | {moved.reference: p_ref}
+    shifts, every = np.array([places[k] - p_ref for k in moved.back]), np.array(list(places.values()))
+    far = lengths(shifts) > MATCH_M
+    if moved.first < moved.last:
+        return bool(far.any(axis=0).all())
+    alike = (lengths(every[:, None] - every) <= MATCH_M).sum(axis=1)  # takes with it at the same place
+    enough = len(moved.back) + 1 >= LEAST_TAKES and 2 * alike.max() <= len(every)
+    return bool(far.all() and np.abs(shifts[..., 2]).max() < LEVEL_M and enough)
 
 
 def another_thing(moved: MovedKeyframes, takes: Sequence[Keyframes]) -> str:
