@@ -42,13 +42,13 @@ def decode_raw(path: Path, decoder: Decoder, sensor: str, rate_hz: float | None 
         if identify_protocol(first) or printed_line(first):
             correct = describe_bytes(first, None, sensor, decoder.tally.last_fault)
         raise RecordingError.at(path, f"no samples of {sensor} in its {amount(len(data), 'byte')}; {correct}")
-    stored = read_demo(path.parent) if (path.parent / "demo.toml").is_file() else None
-    samples, t, clock = _sample_times(path, samples, None if stored is None else stored.recording, rate_hz)
-    created = None if stored is None else stored.recording.info.created
+    demo = read_demo(path.parent) if (path.parent / "demo.toml").is_file() else None
+    stored = None if demo is None else demo.recording
+    samples, t, clock = _sample_times(path, samples, stored, rate_hz)
+    created, grip = (None, ()) if stored is None else (stored.info.created, stored.grip)
     info = RecordingInfo(sensor=sensor, rate_hz=rate_hz, created=created, clock=clock)
-    grip = () if stored is None else stored.recording.grip
     recording = recording_from_samples(t, samples, grip=grip, info=info)
-    return Demonstration(recording, closed=stored is not None and stored.closed)
+    return Demonstration(recording, closed=demo is not None and demo.closed)
 
 
 def _sample_times(
