@@ -203,14 +203,13 @@ def _import_command(path: Path, lines: Sequence[str], labelled: bool, prefix: st
     first = lines[0]
     mark = delimiter_of(first) if any(map(first.count, ",;\t")) else "|" if "|" in first else "space"
     rows = [line.split(None if mark == "space" else mark) for line in lines if line.strip() and line[0] != "#"]
-    widths = [len(row) for row in rows]
-    width = max(widths, key=widths.count)
+    width = statistics.mode(map(len, rows))
+    known = [row for row in rows if len(row) == width]
     count, t = width - labelled, []
     with suppress(ValueError):
-        times = [float(row[labelled]) for row in rows if len(row) == width]
+        times = [float(row[labelled]) for row in known]
         t = ["t"] if count % 3 and times[0] < times[-1] and times == sorted(times) else []
     at = labelled + len(t)
-    known = [row for row in rows if len(row) == width]
     gyro_first = count - len(t) >= 6 and _scatter(known, at + 3) < _scatter(known, at)
     axes = [*(GYR if gyro_first else ACC), *(ACC if gyro_first else GYR), *MAG][: (count - len(t)) // 3 * 3]
     columns = ",".join([*"_" * labelled, *t, *axes, *"_" * (count - len(t) - len(axes))])
