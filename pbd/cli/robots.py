@@ -47,8 +47,7 @@ def _list_robots(args: argparse.Namespace) -> None:
         rows = [_row(arm) for arm in arms]
         if args.robot:
             rows[0]["collision"] = _collision(arms[0])
-    if args.robot:
-        warn_of_frames(arms[0])
+            warn_of_frames(arms[0])
     table = robots_table([arm.robot for arm in arms], [row["reach_m"] for row in rows], args.units)
     if not print_result(args, {"robots": rows}, table):
         return
