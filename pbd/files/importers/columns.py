@@ -69,13 +69,19 @@ deg/s, uT.
 """
 
 
-def _gyroflow(preamble: str) -> Program:
-    """Return Gyroflow's format, which gives the units of s, rad/s and g above the header, as `gscale,0.00053263`."""
-    scales = dict(re.findall(r"(?m)^([tga]scale)\s*,\s*([\d.]+(?:[eE][-+]?\d+)?)", preamble))
-    of = {"t": ("tscale", "s"), "gyr": ("gscale", "rad/s"), "acc": ("ascale", "g")}
-    return Program(
-        "Gyroflow", set(), {key: scales[scale] + unit for key, (scale, unit) in of.items() if scale in scales}
-    )
+def _program_of(sheet: Sheet) -> Program:
+    """Return the program that wrote a table; one without title, units and sensor if it is unknown.
+
+    Gyroflow gives the units of s, rad/s and g above the header, as `gscale,0.00053263`.
+    """
+    if sheet.preamble.startswith("GYROFLOW IMU LOG"):
+        scales = dict(re.findall(r"(?m)^([tga]scale)\s*,\s*([\d.]+(?:[eE][-+]?\d+)?)", sheet.preamble))
+        of = {"t": ("tscale", "s"), "gyr": ("gscale", "rad/s"), "acc": ("ascale", "g")}
+        units = {key: scales[scale] + unit for key, (scale, unit) in of.items() if scale in scales}
+        return Program("Gyroflow", set(), units)
+    words = set(map(plain, sheet.header))
+    known = (p for p in PROGRAMS if p.header <= words and re.search(p.preamble, sheet.preamble))
+    return next(known, Program("", set(), {}))
 
 
 def understand(sheet: Sheet, columns: Mapping[str, str], units: Mapping[str, str]) -> SourceColumns:
@@ -91,12 +97,8 @@ def understand(sheet: Sheet, columns: Mapping[str, str], units: Mapping[str, str
     """
     if channel := next((channel for channel in units if channel not in UNITS), ""):
         raise UsageError(f"no unit can be given for '{channel}'; give it for {', '.join(UNITS)}", value=channel)
-    path, header = sheet.path, sheet.header
-    words = {plain(name) for name in header}
-    program = next((p for p in PROGRAMS if p.header <= words and re.search(p.preamble, sheet.preamble)), None)
-    if sheet.preamble.startswith("GYROFLOW IMU LOG"):
-        program = _gyroflow(sheet.preamble)
-    stems = {word[:-1] for word in words if word.endswith("_w")}  # x, y, z beside a w are a quaternion
+    path, header, program = sheet.path, sheet.header, _program_of(sheet)
+    stems = {word[:-1] for word in map(plain, header) if word.endswith("_w")}  # x, y, z beside a w are a quaternion
     named = [name for name in header if plain(name)[:-1] not in stems]
     found = {ours: (name, 1.0, "its name") for ours, name in _by_name(named).items()}
     for ours, given in columns.items():
@@ -116,7 +118,7 @@ def understand(sheet: Sheet, columns: Mapping[str, str], units: Mapping[str, str
     used = {"", *(column.name for column in read)}
     why = {name: why_not_read(name, found) if name in named else "a quaternion" for name in header if name not in used}
     _refuse_not_understood(path, why)
-    return SourceColumns(tuple(read), why, program.title if program else "")
+    return SourceColumns(tuple(read), why, program.title)
 
 
 def scaled(table: Table, found: SourceColumns, channel: str) -> Array:
@@ -164,7 +166,7 @@ def _split_sign(given: str) -> tuple[float, str]:
 
 
 def _unit(
-    path: Path, name: str, ours: str, units: Mapping[str, str], beside: Mapping[str, str], program: Program | None
+    path: Path, name: str, ours: str, units: Mapping[str, str], beside: Mapping[str, str], program: Program
 ) -> tuple[float, str, str]:
     """Return a column's sign and unit, and who decided the unit; `beside` has the units that names of axes tell."""
     channel = "angle" if CHANNEL_OF[ours] == "rpy" else CHANNEL_OF[ours]
@@ -174,11 +176,7 @@ def _unit(
         given, by = time_unit(name) if channel == "t" else split_unit(name)[1], "its name"
     if not given and channel != "t":
         given, by = beside.get(CHANNEL_OF[ours], ""), "another axis's name"
-    if (
-        program is not None
-        and channel in program.units
-        and (not given or program.units[channel] == f"-{given.lower()}")
-    ):
+    if channel in program.units and (not given or program.units[channel] == f"-{given.lower()}"):
         given, by = program.units[channel], program.title
     if not given:
         return 1.0, standard, NO_UNIT
