@@ -39,9 +39,6 @@ from pbd.pose import Array, Pose
 from pbd.view.calibration_tables import base_table
 from pbd.view.terminal_tables import joints_table, keyframes_table, print_table
 
-Rows = list[dict[str, Any]]
-"""The keyframes as the JSON has them."""
-
 
 def run(args: argparse.Namespace) -> None:
     """Track, map to the robot's base if there is a calibration or a robot, and print."""
@@ -113,7 +110,7 @@ def _load_recorded(args: argparse.Namespace) -> Demonstration:
         return demo
 
 
-def _add_base(args: argparse.Namespace, rows: Rows, placed: KeyframesInBase) -> list[str | Table]:
+def _add_base(args: argparse.Namespace, rows: list[dict[str, Any]], placed: KeyframesInBase) -> list[str | Table]:
     """Add the tool's poses in base and their uncertainty to the rows; return what to print of them."""
     base = touched_poses(placed), base_sigmas(touched_covariances(placed))
     for row, pose, sigma_base in zip(rows, *base, strict=True):
@@ -123,7 +120,7 @@ def _add_base(args: argparse.Namespace, rows: Rows, placed: KeyframesInBase) -> 
 
 
 def _add_joints(
-    args: argparse.Namespace, rows: Rows, robot: Robot, poses: Sequence[Pose], q: Array, off: Array
+    args: argparse.Namespace, rows: list[dict[str, Any]], robot: Robot, poses: Sequence[Pose], q: Array, off: Array
 ) -> list[str | Table]:
     """Add the tool's poses, the joints (n, k) and the missed rotations (n, 2), rad, to the rows, as `_add_base`."""
     for row, pose, joints, missed in zip(rows, poses, q, off, strict=True):
