@@ -169,16 +169,17 @@ def store_demonstration(
         print_json(stored | {"duration_s": duration_s, "rate_hz": rate_hz} | dict(more))
 
 
-def print_result(args: argparse.Namespace, result: dict[str, Any], *tables: Table) -> bool:
-    """Print JSON, all tables as CSV, or the first table for a person; return whether it was for a person."""
+def print_result(args: argparse.Namespace, result: dict[str, Any], *parts: Table | str) -> bool:
+    """Print JSON, the tables as CSV, or tables and text for a person; return whether it was for a person."""
     from pbd.view.terminal_tables import print_csv, print_table
 
     if args.json:
         print_json(result)
     elif args.csv:
-        print_csv(*tables)
+        print_csv(*(part for part in parts if not isinstance(part, str)))
     else:
-        print_table(tables[0])
+        for part in parts:
+            print(part) if isinstance(part, str) else print_table(part)
     return not (args.json or args.csv)
 
 

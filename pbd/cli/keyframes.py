@@ -37,7 +37,7 @@ from pbd.planning.object_frames import keyframes_of_things, refuse_unknown_thing
 from pbd.planning.result import place_remark, size_remark
 from pbd.pose import Array, Pose
 from pbd.view.calibration_tables import base_table
-from pbd.view.terminal_tables import joints_table, keyframes_table, print_table
+from pbd.view.terminal_tables import joints_table, keyframes_table
 
 
 def run(args: argparse.Namespace) -> None:
@@ -76,10 +76,7 @@ def run(args: argparse.Namespace) -> None:
             for name, members in keyframes_of_things(keyframes).items()
         ],
     }
-    table = keyframes_table(keyframes, args.units, inside and inside.of_each)
-    if print_result(args, result, table, *(each for each in below if isinstance(each, Table))):
-        for each in below:
-            print(each) if isinstance(each, str) else print_table(each)
+    print_result(args, result, keyframes_table(keyframes, args.units, inside and inside.of_each), *below)
 
 
 def _track(
