@@ -83,7 +83,9 @@ def read_robot(path: Path, *, draft: bool = False) -> Robot:
     moved = {*mimic_joints, *(joint.name for joint in joints), *(gripper.joints if gripper else ())}
     if not draft:
         _warn_of_unmoved(urdf, moved)
-    may_touch = () if arm is None else _may_touch(arm, urdf)
+    may_touch = () if arm is None else arm.pairs("may_touch")
+    if arm is not None and (unknown := [link for pair in may_touch for link in pair if link not in urdf.links]):
+        arm.fail("may_touch", f"names {unknown[0]!r}, which is no link of the URDF")
     robot = Robot(
         name=name,
         description=description,
@@ -176,13 +178,6 @@ def _arm_joints(arm: Section, movable: Sequence[UrdfJoint]) -> list[UrdfJoint]:
         if joint.name not in wanted and not joint.lower <= 0.0 <= joint.upper:
             arm.fail("joints", f"leaves out {joint.name}, which is then locked at 0, outside its limits", "name it too")
     return [joint for joint in movable if joint.name in wanted]
-
-
-def _may_touch(arm: Section, urdf: Urdf) -> tuple[tuple[str, str], ...]:
-    pairs = arm.pairs("may_touch")
-    if unknown := [link for pair in pairs for link in pair if link not in urdf.links]:
-        arm.fail("may_touch", f"names {unknown[0]!r}, which is no link of the URDF")
-    return pairs
 
 
 def _warn_of_unmoved(urdf: Urdf, moved: Collection[str]) -> None:

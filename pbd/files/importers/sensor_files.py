@@ -143,12 +143,12 @@ def _experiment_clock(path: Path, files: Files) -> PausedClock:
     return clock
 
 
-def _files_by_device(request: Request, files: Files) -> dict[str, dict[str, Part]]:
-    """Return each device's channels, which the files' names tell; of a file that is named, its device alone."""
-    path, recordings = request.path, dict[str, dict[str, Part]]()
+def _read_named(request: Request, files: Files) -> Demonstration | None:
+    path, is_csv = request.path, request.is_csv
+    recordings: dict[str, dict[str, Part]] = {}
     for name in files:
         device, channel = _sensor(name)
-        if not channel or (request.is_csv and device != _sensor(path.stem)[0]):
+        if not channel or (is_csv and device != _sensor(path.stem)[0]):
             continue
         sheet = sheet_of(path, name, files[name])
         with may_be_removed(name):
@@ -159,11 +159,6 @@ def _files_by_device(request: Request, files: Files) -> dict[str, dict[str, Part
         if first is not sheet:
             both = f"{first.path.name} and {sheet.path.name} are of the same sensor"
             raise RecordingError.at(path, f"{both}; keep one recording in a folder")
-    return recordings
-
-
-def _read_named(request: Request, files: Files) -> Demonstration | None:
-    path, is_csv, recordings = request.path, request.is_csv, _files_by_device(request, files)
     if is_csv and all(sheet.path != path for of in recordings.values() for sheet, _ in of.values()):
         return None
     if len(recordings) > 1:
