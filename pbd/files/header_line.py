@@ -4,6 +4,7 @@ import csv
 import math
 import re
 import shlex
+from collections import Counter
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -203,7 +204,7 @@ def _import_command(path: Path, lines: Sequence[str], labelled: bool, prefix: st
     first = lines[0]
     mark = delimiter_of(first) if any(map(first.count, ",;\t")) else "|" if "|" in first else "space"
     rows = [line.split(None if mark == "space" else mark) for line in lines if line.strip() and line[0] != "#"]
-    width = statistics.mode(map(len, rows))
+    width = Counter(map(len, rows)).most_common(1)[0][0]
     known = [row for row in rows if len(row) == width]
     count, t = width - labelled, []
     with suppress(ValueError):
