@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from pbd.data import Demonstration, GripEvent, Recording, RecordingInfo
-from pbd.errors import RecordingError
+from pbd.errors import PbdError, RecordingError
 from pbd.files.demo import demo_toml, imu_header, imu_rows, refuse_demo_folder
 from pbd.io.atomic import atomic_file, atomic_folder, is_file, unwritable, write_text
 from pbd.pose import Array
@@ -46,7 +46,7 @@ class RecordingWriter:
             (new / "demo.toml").write_text(self._toml(), encoding="utf-8")
             (new / "imu.csv").write_text(",".join(header) + "\n", encoding="ascii")
         self._raw: int | None = None
-        with self._os_errors():
+        with self._writing():
             self._imu = os.open(folder / "imu.csv", os.O_WRONLY | os.O_APPEND)
         with suppress(OSError):  # some network file systems have no locks
             fcntl.flock(self._imu, fcntl.LOCK_EX | fcntl.LOCK_NB)  # `refuse_demo_folder` sees the lock
@@ -57,16 +57,14 @@ class RecordingWriter:
         Raises:
             RecordingError: the disk is full, and the earlier rows are intact; or the folder is gone.
         """
-        if not is_file(self.folder / "imu.csv"):  # a deleted file takes rows too, and they are lost
-            raise RecordingError(f"{self.folder} was renamed or deleted meanwhile; record again", path=self.folder)
         text = "".join(self._format.format(*row) for row in imu_rows(samples, self._channels).tolist())
-        with self._os_errors():
+        with self._writing():
             _append(self._imu, text.replace("nan", "").encode())
         self.rows += len(samples)
 
     def add_raw(self, data: bytes) -> None:
         """Append the sensor's bytes to raw.bin."""
-        with self._os_errors():
+        with self._writing():
             if self._raw is None:
                 self._raw = os.open(self.folder / "raw.bin", os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
             _append(self._raw, data)
@@ -74,23 +72,21 @@ class RecordingWriter:
     def mark(self, grip: GripEvent) -> None:
         """Add a grip event to demo.toml."""
         self._grip.append(grip)
-        write_text(self.folder / "demo.toml", self._toml())
+        self._write_toml()
 
     def finish(self, rate_hz: float | None, clock: str, t: Array | None = None) -> None:
         """Close the files, and write what is known at the end; `t` (n,) s are better times than those so far."""
         self.close()
         if t is not None:
-            imu = self.folder / "imu.csv"
-            with atomic_file(imu) as file, imu.open(encoding="ascii") as old, file.open("w", encoding="ascii") as new:
-                new.write(next(old))
-                new.writelines(f"{at:.6f},{line.partition(',')[2]}" for at, line in zip(t, old, strict=True))
+            with self._writing():
+                _replace_times(self.folder / "imu.csv", t)
         self._info = replace(self._info, rate_hz=rate_hz, clock=clock)
-        write_text(self.folder / "demo.toml", self._toml())
+        self._write_toml()
 
     def mark_failed(self) -> None:
         """Note in demo.toml that the recording can't be replayed."""
         self._failed = True
-        write_text(self.folder / "demo.toml", self._toml())
+        self._write_toml()
 
     def close(self) -> None:
         """Close the files, if they are open."""
@@ -105,19 +101,34 @@ class RecordingWriter:
         shutil.rmtree(self.folder, ignore_errors=True)
 
     @contextmanager
-    def _os_errors(self) -> Iterator[None]:
-        """Raise an OSError as a RecordingError that tells how many samples are safe."""
+    def _writing(self) -> Iterator[None]:
+        """Raise the error of a block that writes as a RecordingError that tells how many samples are safe."""
+        if not is_file(self.folder / "imu.csv"):  # a deleted file takes rows too, and they are lost
+            raise RecordingError(f"{self.folder} was renamed or deleted meanwhile; record again", path=self.folder)
         try:
             yield
-        except OSError as reason:
+        except (OSError, PbdError) as reason:
+            if isinstance(reason, OSError):
+                reason = unwritable(self.folder, reason, RecordingError)
             if self.rows == 0:
-                raise unwritable(self.folder, reason, RecordingError) from None
-            what = f"{self.folder} can't be written on ({reason.strerror}); its {self.rows} samples so far are intact"
+                raise reason from None
+            what = f"{reason.message.rpartition(';')[0]}; its {self.rows} samples so far are intact"
             raise RecordingError(f"{what}: make room and record again", path=self.folder, rows=self.rows) from None
+
+    def _write_toml(self) -> None:
+        with self._writing():
+            write_text(self.folder / "demo.toml", self._toml())
 
     def _toml(self) -> str:
         recording = Recording(np.zeros(0), np.zeros((0, 3)), grip=tuple(self._grip), info=self._info)
         return demo_toml(Demonstration(recording, closed=self._closed, failed=self._failed), self.folder)
+
+
+def _replace_times(imu: Path, t: Array) -> None:
+    """Give the rows of an imu.csv other times, t (n,) s."""
+    with atomic_file(imu) as file, imu.open(encoding="ascii") as old, file.open("w", encoding="ascii") as new:
+        new.write(next(old))
+        new.writelines(f"{at:.6f},{line.partition(',')[2]}" for at, line in zip(t, old, strict=True))
 
 
 def _append(handle: int, data: bytes) -> None:

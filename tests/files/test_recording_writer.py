@@ -2,6 +2,7 @@
 
 import os
 import shutil
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -92,6 +93,30 @@ def test_a_full_disk_leaves_the_written_rows_intact(tmp_path: Path, monkeypatch:
     monkeypatch.undo()
     demo.close()
     assert len(read_demo(tmp_path / "tea").recording) == 1
+
+
+@pytest.mark.parametrize(
+    ("method", "act"),
+    [
+        ("write_text", lambda demo: demo.mark(GripEvent(0.0, True))),
+        ("open", lambda demo: demo.finish(100.0, "host", np.array([0.0, 0.01]))),
+    ],
+)
+def test_a_disk_that_is_full_at_a_grip_or_the_end_leaves_the_rows_intact_and_says_so(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, method: str, act: Callable[[RecordingWriter], None]
+) -> None:
+    demo = begun(tmp_path / "tea")
+    demo.add(samples(0.0, 0.01))
+
+    def full(*given: object, **named: object) -> int:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Path, method, full)
+    with pytest.raises(RecordingError, match=r"No space left on device\); its 2 samples so far are intact"):
+        act(demo)
+    monkeypatch.undo()
+    demo.close()
+    assert len(read_demo(tmp_path / "tea").recording) == 2
 
 
 def test_a_deleted_folder_ends_the_recording_at_once(tmp_path: Path) -> None:
