@@ -142,6 +142,13 @@ def test_the_path_leads_from_stop_to_stop(view: LiveView, page: Page, pictures: 
 
 
 @pytest.mark.usefixtures("shown_positions")
+def test_stops_add_nothing_to_the_panel_that_nobody_sees(page: Page) -> None:
+    """It grew by dozens of elements for each stop, without end."""
+    titles = page("return [...document.querySelectorAll('.dg .title')].map((title) => title.textContent)")
+    assert "Scene" in titles
+    assert "pbd" not in titles
+
+
 def test_the_whole_scene_is_in_sight_without_parts_of_the_replay(page: Page) -> None:
     for part in ("panel", "bar"):
         assert not page(f'return document.getElementById("{part}").checkVisibility()')

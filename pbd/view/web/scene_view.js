@@ -14,6 +14,7 @@ class SceneView {
     if (this.quality.none) pane.after(make("p", "This browser has no WebGL, so the scene isn't drawn: switch WebGL on.", { className: "message" }));
     document.body.classList.toggle("no-scene", this.quality.none);
     this.viewer = new MeshCat.Viewer(pane, true, this.quality.renderer);
+    this.leaveOutControls(this.viewer.scene_tree);
     for (const name of ["Lights", "Grid", "Axes"]) this.viewer.delete_path([name]);
     this.viewer.hide_background();
     this.camera = this.viewer.camera;
@@ -32,6 +33,13 @@ class SceneView {
     window.addEventListener("beforeprint", () => this.print());
     window.addEventListener("afterprint", () => { this.printing = false; this.resize(); });
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.addSurroundings(this.table));
+  }
+
+  // The viewer's own panel is hidden (page.css). It would grow by dozens of elements for each stop of a recording.
+  leaveOutControls(tree) {
+    const folder = { addFolder: () => folder, removeFolder() {}, __folders: {} };
+    tree.folder = folder;
+    Object.assign(tree.constructor.prototype, { create_controls() {}, vis_controller: { updateDisplay() {} } });
   }
 
   // Replaces the viewer's own method.
