@@ -9,6 +9,7 @@ packet that came twice has the time of the first, as in a recording a row that r
 """
 
 import time
+from array import array
 from collections import deque
 from typing import Generic, NamedTuple, TypeVar
 
@@ -56,7 +57,7 @@ class SampleClock(Generic[T]):
 
     def __init__(self, usual_s: float = 0.0) -> None:
         """Start; `usual_s` is the device's interval if it is known, else 0."""
-        self.times: list[float] = []
+        self.times = array("d")
         self.doubted = self.lost = 0
         self.straightened: Array | None = None
         self._stamper: Stamper[list[T]] | None = None
