@@ -48,7 +48,8 @@ def find_sensor(args: argparse.Namespace) -> tuple[str, Callable[[], ByteSource]
             for command in commands:
                 port.write(command)
                 time.sleep(COMMAND_PAUSE_S)
-    return wanted, lambda: open_port(device, baud), make()
+    # A sensor that is plugged in again may have another name.
+    return wanted, lambda: open_port(args.port or only_port(), baud), make()
 
 
 def _phone(args: argparse.Namespace) -> tuple[str, Callable[[], ByteSource], Decoder]:
