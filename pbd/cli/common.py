@@ -221,7 +221,7 @@ def decoder_maker(args: argparse.Namespace, sensor: str, also: Iterable[str] = (
     The message about an unknown sensor also lists the names `also`, which only the command knows.
 
     Raises:
-        UsageError: the sensor is unknown, or --columns is missing or wrong.
+        UsageError: the sensor is unknown or has fixed units, or --columns is missing or wrong.
         SensorError: the TOML file of --columns is wrong.
     """
     from pbd.sensors.line_layout import layout_from_options, layout_from_toml
@@ -231,7 +231,10 @@ def decoder_maker(args: argparse.Namespace, sensor: str, also: Iterable[str] = (
 
     refuse_columns(args, sensor)
     if sensor not in ("lines", "razor"):
-        return protocol(sensor, also).decoder
+        decoder = protocol(sensor, also).decoder
+        if args.unit:
+            raise UsageError(f"--unit is for --sensor lines and razor; {sensor} has fixed units: leave it out")
+        return decoder
     if sensor == "razor":
         layout = razor_layout(dict(args.unit))
     elif not args.columns:

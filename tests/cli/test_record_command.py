@@ -329,6 +329,7 @@ def test_a_simulated_task_grips_by_itself_and_ends_it_where_nobody_could(elsewhe
         (2, ("--sensor", "witmotion", "--wrap", "9"), "are for --sensor lines; leave them out for witmotion"),
         (2, ("--port", "http://127.0.0.1:1", "--prefix", "x"), "are for --sensor lines; leave them out for phyphox"),
         (1, ("--sensor", "witmotion", "--port", "/dev/null", "--baud", "9600"), "/dev/null is not a serial port"),
+        (2, ("--sensor", "xsens", "--unit", "gyr=deg/s", "--port", "/dev/null"), "xsens has fixed units: leave it out"),
         (2, ("--sensor", "razor", "--unit", "gyr=turns", "--port", "/dev/null"), "'turns' is not a unit of gyr"),
     ],
 )
@@ -380,6 +381,15 @@ def test_the_only_port_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:
             only_port("arm", "")
     monkeypatch.setattr("pbd.sensors.port.list_ports", lambda: (built_in, other))
     assert only_port() == "/dev/U2"
+
+
+def test_a_sensor_that_is_plugged_in_again_may_have_another_name(monkeypatch: pytest.MonkeyPatch) -> None:
+    with Device((), 1.0) as before, Device((), 1.0) as after:
+        monkeypatch.setattr("pbd.sensors.port.list_ports", lambda: (PortInfo(before.device, "", "0403:6001"),))
+        _, opened, _ = find_sensor(parse(["record", "tea", "--sensor", "xsens", "--baud", "115200"]))
+        monkeypatch.setattr("pbd.sensors.port.list_ports", lambda: (PortInfo(after.device, "", "0403:6001"),))
+        with opened() as port:
+            assert port.device == after.device
 
 
 def test_the_baud_rate_of_a_named_sensor_is_found(
