@@ -31,14 +31,13 @@ def _paths(comparison: Comparison) -> Figure:
     ax = figure.add_subplot(projection="3d", computed_zorder=False, title=_subtitle(comparison))
     assert isinstance(ax, Axes3D)
     shown = [demo.p for demo in comparison.demos]
-    scale = fit_3d(ax, shown)
+    scale = fit_3d(ax, [*shown, *map(comparison.positions, range(len(shown)))])
     for k, demo in enumerate(comparison.demos):
         ax.plot(*(scale * demo.p).T, **_line(k))
         ax.plot(*(scale * comparison.positions(k)).T, **_dots(k))
     legend(figure, [], _legend_entries(comparison))
-    label_keyframes_3d(
-        ax, scale * np.array([keyframe.p for keyframe in comparison.keyframes]), scale * np.vstack(shown)
-    )
+    means = np.array([keyframe.p for keyframe in comparison.keyframes])
+    label_keyframes_3d(ax, scale * means, [scale * path for path in shown])
     return figure
 
 
@@ -47,7 +46,9 @@ def _views(comparison: Comparison) -> Figure:
     figure = new_figure("Paths from above (yx) and along x (yz)", 13.0, 6.0)
     both = figure.subplots(1, 2)
     both[0].set_title(_subtitle(comparison))
-    shown, numbered = [demo.p for demo in comparison.demos], []
+    shown = [demo.p for demo in comparison.demos]
+    shown += map(comparison.positions, range(len(shown)))
+    numbered = []
     for ax, axes in zip(both, (YX, YZ), strict=True):
         scale, columns = fit_view(ax, shown, axes, 1.0), list(axes)
         covered = [scale * demo.p[:, columns] for demo in comparison.demos]
@@ -63,7 +64,7 @@ def _views(comparison: Comparison) -> Figure:
     more: Artist = Line2D([], [], color=INK, linewidth=0.8, label="2 standard\ndeviations")
     legend(figure, [], [*_legend_entries(comparison), more])
     for ax, at, covered in numbered:
-        label_keyframes(ax, at, np.vstack(covered))
+        label_keyframes(ax, at, covered)
     return figure
 
 

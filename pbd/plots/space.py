@@ -50,7 +50,7 @@ def fit_3d(ax: Axes3D, shown: Sequence[Array], around: Array | None = None) -> f
     return scale
 
 
-def path_3d(ax: Axes3D, demo: DemoValues) -> tuple[Array, Array]:
+def path_3d(ax: Axes3D, demo: DemoValues) -> tuple[Array, list[Array]]:
     """Draw the path, its shadow, and the sensor's axes at keyframes; return the arguments of `label_keyframes_3d`."""
     inside, truth = _paths(demo)
     at, every = np.array([keyframe.T_nav_sensor.p for keyframe in demo.keyframes]), _step(len(demo.keyframes))
@@ -69,9 +69,9 @@ def path_3d(ax: Axes3D, demo: DemoValues) -> tuple[Array, Array]:
     ax.plot(*_strokes(origins, below).T, color=GREY, linewidth=0.6, linestyle=":", zorder=1.5)
     covered = [p]
     for ends, name, colour in zip(triads.transpose(1, 0, 2), "xyz", AXES_RGB, strict=True):
-        ax.plot(*_strokes(origins, ends).T, color=colour, linewidth=1.8, zorder=5.0, label=f"sensor's {name}")
-        covered += [origins + share * (ends - origins) for share in np.linspace(0.0, 1.0, 20)]
-    return at, np.vstack(covered)
+        covered.append(_strokes(origins, ends))
+        ax.plot(*covered[-1].T, color=colour, linewidth=1.8, zorder=5.0, label=f"sensor's {name}")
+    return at, covered
 
 
 def _strokes(begins: Array, ends: Array) -> Array:
@@ -111,13 +111,13 @@ def fit_view(ax: Axes, shown: Sequence[Array], axes: tuple[int, int], aspect: fl
     return scale
 
 
-def path_view(ax: Axes, demo: DemoValues, axes: tuple[int, int]) -> tuple[Array, Array]:
+def path_view(ax: Axes, demo: DemoValues, axes: tuple[int, int]) -> tuple[Array, list[Array]]:
     """Draw the path in a view, and keyframes with ellipses of two sigma; return the arguments of `label_keyframes`."""
     columns, every = list(axes), _step(len(demo.keyframes))
     inside, truth = _paths(demo)
-    low, high = _largest_view(np.vstack([inside, *truth]))
-    reach = [2.0 * np.sqrt(np.diagonal(keyframe.cov)[:3]) for keyframe in demo.keyframes]
     p = np.array([keyframe.T_nav_sensor.p for keyframe in demo.keyframes])
+    low, high = _largest_view(np.vstack([inside, *truth, p]))
+    reach = [2.0 * np.sqrt(np.diagonal(keyframe.cov)[:3]) for keyframe in demo.keyframes]
     corners = np.vstack((p - reach, p + reach))
     scale = fit_view(ax, [inside, *truth, corners.clip(low, high)], axes)
     beyond = bool(((corners < low) | (corners > high))[:, columns].any())
@@ -133,7 +133,7 @@ def path_view(ax: Axes, demo: DemoValues, axes: tuple[int, int]) -> tuple[Array,
     known = at[[demo.is_known(keyframe) for keyframe in demo.keyframes]]
     if len(known):
         ax.plot(*known.T, **KNOWN_LOOK)
-    return at, np.vstack(covered)
+    return at, covered
 
 
 def _largest_view(points: Array) -> tuple[Array, Array]:
@@ -165,14 +165,14 @@ RADII = np.repeat((8.0, 14.0, 22.0, 32.0), 8)[:, None]
 """Candidate positions of a label's box, relative to its keyframe; radii in points."""
 
 
-def label_keyframes_3d(ax: Axes3D, at: Array, lines: Array) -> None:
-    """Number points (k, 3) in 3-D axes, beside the points (m, 3) of lines."""
-    at, lines = (np.column_stack(proj3d.proj_transform(*xyz.T, ax.get_proj())[:2]) for xyz in (at, lines))
+def label_keyframes_3d(ax: Axes3D, at: Array, lines: Sequence[Array]) -> None:
+    """Number points (k, 3) in 3-D axes, beside lines (m, 3)."""
+    at, *lines = (np.column_stack(proj3d.proj_transform(*xyz.T, ax.get_proj())[:2]) for xyz in (at, *lines))
     label_keyframes(ax, at, lines)
 
 
-def label_keyframes(ax: Axes, at: Array, lines: Array) -> None:
-    """Number points (k, 2), beside the points (m, 2) of lines, both in data coordinates.
+def label_keyframes(ax: Axes, at: Array, lines: Sequence[Array]) -> None:
+    """Number points (k, 2), beside lines (m, 2), both in data coordinates.
 
     Points that coincide share a label. A label covers no other label and as little of the lines as possible; it is left
     out where there is no room. The figure must be complete before: a change of its layout would move the labels.
@@ -183,14 +183,14 @@ def label_keyframes(ax: Axes, at: Array, lines: Array) -> None:
     ax.apply_aspect()
     to_points = 72.0 / figure.dpi
     spots = to_points * ax.transData.transform(at)
-    inked = np.unique(np.round(to_points * ax.transData.transform(lines[np.isfinite(lines).all(axis=1)])), axis=0)
+    inked = np.unique(np.vstack([_inked(to_points * ax.transData.transform(line)) for line in lines]), axis=0)
     (left, bottom), (right, top) = to_points * np.asarray(ax.bbox.get_points())
     size = FontProperties(size="small").get_size_in_points()
     taken = np.empty((0, 4))
     every = _step(len(spots))
     for members in _groups(spots[::every]):
         words, place = ranges([every * k for k in members]), every * members[0]
-        half = 0.5 * size * np.array([0.64 * len(words), 1.25])
+        half = 0.5 * size * np.array([0.64 * len(words) + 0.5, 1.25])
         centres = spots[place] + DIRECTIONS * (RADII + half * np.abs(DIRECTIONS))
         low, high = centres - half, centres + half
         free = (low >= (left, bottom)).all(axis=1) & (high <= (right, top)).all(axis=1)
@@ -204,6 +204,14 @@ def label_keyframes(ax: Axes, at: Array, lines: Array) -> None:
                 va="center", fontsize="small", color=INK, zorder=9.0, annotation_clip=False,
                 path_effects=[withStroke(linewidth=2.0, foreground="white")],
             )  # fmt: skip
+
+
+def _inked(line: Array) -> Array:
+    """Points (m, 2) that a line (n, 2) covers, all in points; NaN interrupts it."""
+    along = np.append(0.0, np.nancumsum(np.linalg.norm(np.diff(line, axis=0), axis=1)))
+    steps = np.arange(0.0, along[-1] + 1.0)
+    covered = np.column_stack([np.interp(steps, along, axis) for axis in line.T])
+    return np.round(covered[np.isfinite(covered).all(axis=1)])
 
 
 def _groups(spots: Array) -> list[list[int]]:
