@@ -19,15 +19,16 @@ from pbd.plots.space import YX, YZ, ellipse, fit_3d, fit_view, label_keyframes, 
 from pbd.plots.style import AXES_RGB, DEMOS_RGB, GREY, INK, legend, length_unit, new_figure, plain_text
 from pbd.pose import Array
 
-DASHES, DOTS = ("-", "--", ":", "-."), "os^D"
-"""Line styles and markers. With more demonstrations than colours, the colours are repeated in the next style."""
+DASHES: tuple[Any, ...] = ("-", "--", ":", "-.", (0.0, (8.0, 1.5)))
+DOTS = "os^Dv"
+"""Line styles and markers, one fewer than colours: 30 demonstrations look different, and a few do in grey too."""
 MAX_NAMED, LONGEST_NAME = 16, 18
 """Largest number of demonstrations in a legend, and of characters in a name."""
 
 
 def _paths(comparison: Comparison) -> Figure:
     """All paths in 3-D, with numbers at the mean keyframes."""
-    figure = new_figure("Paths, aligned at the first stop", 8.6, 6.6)
+    figure = new_figure("Paths in nav, aligned at the first stop", 8.6, 6.6)
     ax = figure.add_subplot(projection="3d", computed_zorder=False, title=_subtitle(comparison))
     assert isinstance(ax, Axes3D)
     shown = [demo.p for demo in comparison.demos]
@@ -78,7 +79,7 @@ def _positions(comparison: Comparison) -> Figure:
         for k, demo in enumerate(comparison.demos):
             ax.plot(demo.progress, scale * demo.p[:, axis], **_line(k))
             ax.plot(range(len(comparison.keyframes)), scale * comparison.positions(k)[:, axis], **_dots(k))
-        ax.set_ylabel(f"{XYZ[axis]} ({unit})")
+        ax.set_ylabel(f"{XYZ[axis]} in nav ({unit})")
     _keyframe_axis(axes[-1], len(comparison.keyframes))
     figure.align_ylabels(axes)
     legend(figure, [], _legend_entries(comparison))
@@ -108,7 +109,7 @@ def _standard_deviations(
     upper.set_title(subtitle)
     k = np.arange(len(spreads))
     scale, unit = length_unit(spreads, *([] if sigmas is None else [sigmas]))
-    for i, height in enumerate(np.nan_to_num(np.column_stack((scale * spreads, np.degrees(turns)))).T):
+    for i, height in enumerate(np.nan_to_num(np.column_stack((scale * spreads, np.degrees(turns)))).round(6).T):
         look: dict[str, Any] = {"color": [*AXES_RGB, GREY][i], "label": [*XYZ, ""][i], "ecolor": INK, "capsize": 2.0}
         if log_sigma is not None:
             look["yerr"] = height * np.abs(np.expm1(np.outer((-1.0, 1.0), log_sigma[:, i])))
@@ -137,8 +138,7 @@ def _subtitle(comparison: Comparison) -> str:
 
 
 def _line(demo: int) -> dict[str, Any]:
-    count = len(DEMOS_RGB)
-    return {"color": DEMOS_RGB[demo % count], "linestyle": DASHES[demo // count % len(DASHES)]}
+    return {"color": DEMOS_RGB[demo % len(DEMOS_RGB)], "linestyle": DASHES[demo % len(DASHES)]}
 
 
 def _dots(demo: int) -> dict[str, Any]:
@@ -170,19 +170,22 @@ def _match(fusion: Fusion) -> Figure:
     figure = new_figure("Keyframes of each take, minus the task's", 10.0, 6.6)
     axes = figure.subplots(3, sharex=True, sharey=True)
     axes[0].set_title(_used_takes(fusion))
-    k, used = np.arange(len(fusion.scatter)), [take for take in fusion.takes if not take.left_out]
+    k = np.arange(len(fusion.scatter))
     for axis, ax in enumerate(axes):
         ax.fill_between(k, *(sign * 1e3 * fusion.tolerance_m[:, axis] for sign in (-1, 1)), color=GREY, alpha=0.15)
-        for i, take in enumerate(used):
+        for i, take in enumerate(fusion.takes):
+            if take.left_out:
+                continue
             look = {"color": DEMOS_RGB[i % len(DEMOS_RGB)], "linestyle": "", "markersize": 4.5}
-            dot = DOTS[i // len(DEMOS_RGB) % len(DOTS)]
-            shift = 0.5 * (i + 0.5) / len(used) - 0.25
+            dot = DOTS[i % len(DOTS)]
+            shift = 0.5 * (i + 0.5) / len(fusion.takes) - 0.25
             label = plain_text(take.name, LONGEST_NAME) if i < MAX_NAMED else None
             out = np.isin(k, take.outliers)
             ax.plot(k[~out] + shift, 1e3 * take.off[~out, axis], marker=dot, label=label, **look)
             ax.plot(k[out] + shift, 1e3 * take.off[out, axis], marker="x", **look)
         ax.set_ylabel(f"{XYZ[axis]} (mm)")
-    axes[-1].set_xlabel("keyframe (grey: the tolerance that is learned)")
+    _keyframe_axis(axes[-1], len(k))
+    axes[-1].set_xlabel("keyframe (grey: the tolerance that is learned; a cross: an outlier, left out)")
     figure.align_ylabels(axes)
     legend(figure, [axes[0]])
     return figure

@@ -175,7 +175,7 @@ def _facts(
     facts = [
         ("sensor", recording.info.sensor),
         ("recorded", f"{t[-1] - t[0]:.1f} s at {recording.rate_hz:.4g} Hz, {len(t)} samples"),
-        ("late or lost samples", f"{late}, longest gap {1e3 * interval.max():.0f} ms" if late else "none"),
+        ("late or lost samples", f"in {late} intervals, up to {1e3 * interval.max():.0f} ms" if late else "none"),
         ("stops", f"{len(stops)}, the shortest {-dwell:.2f} s, {stop_phrase(names[shortest])}"),
     ]
     if len(stops) > 1:

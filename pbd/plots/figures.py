@@ -17,6 +17,7 @@ from pbd.plots import panels
 from pbd.plots.demo_values import DemoValues
 from pbd.plots.space import YX, YZ, label_keyframes, label_keyframes_3d, path_3d, path_view
 from pbd.plots.style import (
+    AXES_DASHES,
     AXES_RGB,
     FINDING_LOOK,
     GREY,
@@ -82,7 +83,7 @@ def _tracked_by(demo: DemoValues) -> str:
 
 
 def _path(demo: DemoValues) -> Figure:
-    figure = new_figure("Path, with the sensor's axes at the keyframes (as the paper's figure 8)", *VIEW_SIZE)
+    figure = new_figure("Path in nav, with the sensor's axes (as the paper's figure 8)", *VIEW_SIZE)
     ax = figure.add_subplot(projection="3d", computed_zorder=False, title=_subtitle(demo))
     assert isinstance(ax, Axes3D)
     numbered = path_3d(ax, demo)
@@ -116,7 +117,7 @@ def _sampling(demo: DemoValues) -> Figure:
 
 def _summary(demo: DemoValues) -> Figure:
     """One page: the path, the motion over time, and the findings in words."""
-    with matplotlib.rc_context({"font.size": 8.0, "lines.linewidth": 0.9}):
+    with matplotlib.rc_context({"font.size": 8.5, "axes.labelsize": "small", "lines.linewidth": 0.9}):
         figure = new_figure(plain_text(demo.name, 60), 11.69, 8.27)  # A4
         upper, lower = cast(list[SubFigure], figure.subfigures(2, height_ratios=(3.1, 5.0)))
         left, right = cast(list[SubFigure], upper.subfigures(1, 2, width_ratios=(4.4, 7.2)))
@@ -141,19 +142,20 @@ def _summary(demo: DemoValues) -> Figure:
             ax.set_xlabel("time (s)")
         for column in axes.T:
             lower.align_ylabels(column)
-        right.legend(handles=_summary_legend(demo), loc="lower left", ncols=6, columnspacing=1.2, labelspacing=0.35)
+        right.legend(handles=_summary_legend(demo), loc="lower left", ncols=7, columnspacing=1.2, labelspacing=0.35)
         label_keyframes_3d(space, *numbered)
         return figure
 
 
 def _summary_legend(demo: DemoValues) -> list[Artist]:
-    names = zip(("x, roll", "y, pitch", "z, yaw"), AXES_RGB, strict=True)
-    handles: list[Artist] = [Line2D([], [], color=colour, label=name) for name, colour in names]
-    handles.append(Line2D([], [], color=SIGMA_RGB, linewidth=1.6, label="σ"))
+    looks = zip(("x, roll", "y, pitch", "z, yaw"), AXES_RGB, AXES_DASHES, strict=True)
+    handles: list[Artist] = [Line2D([], [], color=rgb, linestyle=dashes, label=name) for name, rgb, dashes in looks]
+    handles.append(Line2D([], [], color=SIGMA_RGB, linewidth=1.6, label="σ, worst axis"))
     if demo.truth is not None:
         handles += [Line2D([], [], color=GREY, label="truth", **TRUTH_LOOK), Line2D([], [], color=INK, label="error")]
     colour, label = (GREY, "g, at rest") if demo.field is None else (VERMILION, "disturbed beyond")
-    return [*handles, Line2D([], [], color=colour, linestyle="--", label=label), *event_legend(demo)]
+    levels = [Line2D([], [], color=c, linestyle="--", label=what) for c, what in ((colour, label), (INK, "median"))]
+    return [*handles, *levels, *event_legend(demo)]
 
 
 def _words(figure: SubFigure, demo: DemoValues) -> None:
@@ -166,11 +168,11 @@ def _words(figure: SubFigure, demo: DemoValues) -> None:
     figure.text(0.59, 0.97, "check" if demo.findings else "no problems found", va="top", color=INK, **look)
     line = 0.0
     for k, finding in enumerate(demo.findings):
-        words = plain_text(finding.words, FINDING_WIDTH * FINDING_LINES)
+        words = plain_text(finding.words, len(finding.words))
         wrapped = textwrap.wrap(words, FINDING_WIDTH, max_lines=FINDING_LINES, placeholder=" …")
         full = line + len(wrapped) > ALL_FINDINGS_LINES
         text = f"and {len(demo.findings) - k} more" if full else "\n".join(wrapped)
-        figure.text(0.59, 0.9 - 0.048 * line, text, va="top", color=INK, linespacing=1.35)
+        figure.text(0.59, 0.9 - 0.048 * line, text, va="top", color=INK, linespacing=1.25)
         if full:
             break
         line += len(wrapped) + 0.4

@@ -6,7 +6,19 @@ from matplotlib.ticker import NullLocator
 
 from pbd.data import Stop
 from pbd.plots.demo_values import DemoValues
-from pbd.plots.style import AXES_RGB, BLUE, GREY, INK, SIGMA_RGB, SKY, TRUTH_LOOK, VERMILION, largest, length_unit
+from pbd.plots.style import (
+    AXES_DASHES,
+    AXES_RGB,
+    BLUE,
+    GREY,
+    INK,
+    SIGMA_RGB,
+    SKY,
+    TRUTH_LOOK,
+    VERMILION,
+    largest,
+    length_unit,
+)
 from pbd.pose import Array
 from pbd.tracking.paper import LAMBDA_V, paper_stops, resulting_variance
 from pbd.tracking.residual_tests import FIELD_CHANGE
@@ -18,8 +30,8 @@ MAX_VECTOR_POINTS = 5000
 
 
 def _lines(ax: Axes, t: Array, values: Array, names: tuple[str, ...] = XYZ) -> None:
-    for column, colour, name in zip(values.T, AXES_RGB, names, strict=True):
-        ax.plot(t, column, color=colour, label=name)
+    for column, colour, dashes, name in zip(values.T, AXES_RGB, AXES_DASHES, names, strict=True):
+        ax.plot(t, column, color=colour, linestyle=dashes, label=name)
 
 
 def _truth_lines(ax: Axes, t: Array, values: Array) -> None:
@@ -30,12 +42,12 @@ def _truth_lines(ax: Axes, t: Array, values: Array) -> None:
 
 def position(ax: Axes, demo: DemoValues) -> None:
     """Position of the hand, and the true one."""
-    ax.set_ylabel(f"position ({_beside_truth(ax, demo, 'p_nav_sensor')})")
+    ax.set_ylabel(f"position\nin nav ({_beside_truth(ax, demo, 'p_nav_sensor')})")
 
 
 def velocity(ax: Axes, demo: DemoValues) -> None:
     """Velocity of the hand, and the true one."""
-    ax.set_ylabel(f"velocity ({_beside_truth(ax, demo, 'v_nav_sensor')}/s)")
+    ax.set_ylabel(f"velocity\nin nav ({_beside_truth(ax, demo, 'v_nav_sensor')}/s)")
 
 
 def _beside_truth(ax: Axes, demo: DemoValues, name: str) -> str:
@@ -52,7 +64,7 @@ def closure(ax: Axes, demo: DemoValues) -> None:
     """The residual velocity at the end of each move, before it is corrected."""
     path = demo.path
     scale, unit = length_unit(path.closure)
-    ax.set_ylabel(f"closure ({unit}/s)")
+    ax.set_ylabel(f"closure\nin nav ({unit}/s)")
     if len(path.stops) < 2:
         ax.text(0.5, 0.5, "one stop, so no move", transform=ax.transAxes, ha="center", va="center", color=GREY)
         return
@@ -152,7 +164,7 @@ def sigma(ax: Axes, demo: DemoValues, axis: int) -> None:
         error = scale * demo.truth.error[demo.path.demonstrated, axis]
         ax.plot(demo.path.t[demo.path.demonstrated], error, color=INK, label="error")
     ax.set_ylim(-1.1 * scale * limit, 1.1 * scale * limit)
-    ax.set_ylabel(f"{XYZ[axis]} ({unit})")
+    ax.set_ylabel(f"{XYZ[axis]} in nav ({unit})")
 
 
 def _sigma_unit(demo: DemoValues) -> tuple[float, str, float]:
@@ -214,7 +226,7 @@ def intervals(ax: Axes, demo: DemoValues) -> None:
     ms, median = _intervals_ms(demo)
     (dots,) = ax.plot(demo.tracking.demo.recording.t[1:], ms, ".", color=BLUE, markersize=3.0, label="interval")
     dots.set_rasterized(len(ms) > MAX_VECTOR_POINTS)
-    ax.axhline(median, color=VERMILION, linestyle="--", linewidth=1.0, label="median")
+    ax.axhline(median, color=INK, linestyle="--", linewidth=1.0, label="median")
     ax.set_ylim(*_limits(ms, median))
     ax.set_ylabel("interval (ms)")
 
@@ -224,7 +236,7 @@ def histogram(ax: Axes, demo: DemoValues) -> None:
     ms, median = _intervals_ms(demo)
     low, high = _limits(ms, median)
     ax.hist(ms, bins=np.linspace(low, high, 82).tolist(), color=BLUE, log=True)
-    ax.axvline(median, color=VERMILION, linestyle="--", linewidth=1.0)
+    ax.axvline(median, color=INK, linestyle="--", linewidth=1.0)
     ax.set(xlabel="interval (ms)", ylabel="samples", xlim=(low, high), ylim=(0.7, 2.0 * len(ms)))
     ax.yaxis.set_minor_locator(NullLocator())
 

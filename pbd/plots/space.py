@@ -41,11 +41,11 @@ def fit_3d(ax: Axes3D, shown: Sequence[Array], around: Array | None = None) -> f
     ax.set(xlabel=f"x ({unit})", ylabel=f"y ({unit})", zlabel=f"z ({unit})")
     ax.set_proj_type("ortho")
     ax.view_init(26.0, -164.0)  # from behind, above and slightly right, so that x points away and y to the left
-    ax.set_box_aspect(tuple((sides / sides.max()).tolist()), zoom=1.05)
+    ax.set_box_aspect(tuple((sides / sides.max()).tolist()), zoom=0.9)
     for axis, side in zip((ax.xaxis, ax.yaxis, ax.zaxis), sides / sides.max(), strict=True):
         axis.set_major_locator(MaxNLocator(max(2, round(5.0 * side))))
-        axis.set_tick_params(pad=-1.0)
-        axis.labelpad = -3.0
+        axis.set_tick_params(pad=0.0)
+        axis.labelpad = 7.0
         axis.set_pane_color((0.97, 0.97, 0.97, 1.0))
     return scale
 
@@ -107,7 +107,7 @@ def fit_view(ax: Axes, shown: Sequence[Array], axes: tuple[int, int], aspect: fl
     half = 0.6 * max(extent[0], extent[1] / aspect) * np.array((1.0, aspect))
     ax.set_box_aspect(aspect)
     ax.set(xlim=(centre[0] + half[0], centre[0] - half[0]), ylim=(centre[1] - half[1], centre[1] + half[1]))
-    ax.set(xlabel=f"{'xyz'[axes[0]]} ({unit})", ylabel=f"{'xyz'[axes[1]]} ({unit})")
+    ax.set(xlabel=f"{'xyz'[axes[0]]} in nav ({unit})", ylabel=f"{'xyz'[axes[1]]} in nav ({unit})")
     return scale
 
 
@@ -211,7 +211,7 @@ def _inked(line: Array) -> Array:
     along = np.append(0.0, np.nancumsum(np.linalg.norm(np.diff(line, axis=0), axis=1)))
     steps = np.arange(0.0, along[-1] + 1.0)
     covered = np.column_stack([np.interp(steps, along, axis) for axis in line.T])
-    return np.round(covered[np.isfinite(covered).all(axis=1)])
+    return np.asarray(np.round(covered[np.isfinite(covered).all(axis=1)]))
 
 
 def _groups(spots: Array) -> list[list[int]]:

@@ -39,6 +39,8 @@ BLUE, VERMILION, PURPLE = "#0072b2", "#d55e00", "#cc79a7"
 """Okabe and Ito's palette, which the colour-blind can distinguish."""
 AXES_RGB = (VERMILION, GREEN, BLUE)
 """Colours of x, y, z, and of roll, pitch, yaw."""
+AXES_DASHES: tuple[Any, ...] = ("-", (0.0, (6.0, 1.2)), (0.0, (2.0, 1.0)))
+"""Line styles of the same, for a print in grey."""
 DEMOS_RGB = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY)
 """Colours of several demonstrations."""
 SIGMA_RGB = PURPLE
@@ -112,10 +114,15 @@ def lay_out(figure: Figure) -> None:
 
 
 def plain_text(words: str, limit: int) -> str:
-    """A user's text, cut to `limit` characters, with a ? for characters that the font lacks, and $ escaped."""
+    """A user's text, with a ? for characters that the font lacks, and $ escaped.
+
+    A text of more than `limit` characters keeps its beginning and its end.
+    """
     font = get_font(findfont(FAMILY))
     words = "".join(c if c.isprintable() and font.get_char_index(ord(c)) else "?" for c in words)
-    return (words if len(words) <= limit else f"{words[: limit - 1].rstrip()}…").replace("$", r"\$")
+    if len(words) > limit:
+        words = f"{words[: limit // 2]}…{words[len(words) - (limit - 1) // 2 :]}"
+    return words.replace("$", r"\$")
 
 
 def new_figure(title: str, width: float, height: float) -> Figure:
@@ -183,7 +190,7 @@ def _number(ax: Axes, demo: DemoValues) -> None:
             shown.append((keyframe, words))
             free = keyframe.t + half
     top = ax.secondary_xaxis("top")
-    top.set_xticks([keyframe.t for keyframe, _ in shown], [words for _, words in shown], fontsize="x-small")
+    top.set_xticks([keyframe.t for keyframe, _ in shown], [words for _, words in shown], fontsize="small")
     top.tick_params(length=0.0, pad=6.0)
     top.spines["top"].set_visible(False)
     frame = {"boxstyle": "square,pad=0.15", "facecolor": "none", "edgecolor": PURPLE}

@@ -12,7 +12,7 @@ from pbd.data import FusedTake, Fusion, HandPath, Keyframe
 from pbd.data.covariance import PoseCovariance
 from pbd.pipeline import track
 from pbd.plots.compare import Comparison, Tracked, compare, spread_rows, spread_table
-from pbd.plots.compare_figures import COMPARISONS, FUSION_FIGURES, MAX_NAMED, _legend_entries
+from pbd.plots.compare_figures import COMPARISONS, FUSION_FIGURES, MAX_NAMED, _legend_entries, _line
 from pbd.plots.style import INK, style
 from pbd.pose import Array, Pose, quat_about_z, quat_multiply, quat_rotate, quat_to_matrix
 from pbd.tracking.keyframes import find_keyframes
@@ -232,3 +232,10 @@ def test_ten_takes_look_different() -> None:
     figure = FUSION_FIGURES["match"](fusion)
     looks = {(line.get_color(), line.get_marker()) for line in figure.axes[0].lines if line.get_marker() != "x"}
     assert len(looks) == 10
+    assert {float(tick) % 1.0 for tick in figure.axes[-1].get_xticks()} == {0.0}
+
+
+def test_demonstrations_look_different_and_a_few_do_in_grey() -> None:
+    looks = [_line(k) for k in range(30)]
+    assert len({str(look) for look in looks}) == 30
+    assert len({str(look["linestyle"]) for look in looks[:5]}) == 5

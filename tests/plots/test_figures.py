@@ -22,7 +22,7 @@ from pbd.plots.demo_values import DemoValues, demo_values
 from pbd.plots.findings import Finding
 from pbd.plots.space import fit_view, label_keyframes
 from pbd.plots.style import AXES_RGB, DEMOS_RGB, plain_text, write
-from pbd.pose import Array, quat_rotate, quat_to_rpy
+from pbd.pose import Array, Pose, quat_rotate, quat_to_rpy
 from pbd.simulation.hand_motion import Waypoint
 from pbd.simulation.simulate import random_task, simulate
 from pbd.simulation.tasks import Task
@@ -222,8 +222,9 @@ def test_a_crowd_is_legible() -> None:
 
 def test_a_name_is_not_read_as_mathematics(still: DemoValues) -> None:
     (subtitle,) = (drawn.words for drawn in texts(figures.draw("position", still)) if drawn.words.startswith("a "))
-    assert subtitle.replace(r"\$", "$").startswith(r"a $\frac{1}{ _^ b.csv ? ??very long")
-    assert plain_text("0123456789", 5) == "0123…"
+    assert subtitle.replace(r"\$", "$").startswith(r"a $\frac{1}{ _^ b.cs…")
+    assert plain_text(HOSTILE, 999).startswith(r"a \$\frac{1}{ _^ b.csv ? ??very long")
+    assert plain_text("0123456789", 5) == "01…89"
 
 
 @pytest.mark.parametrize(("format_name", "begin"), [("png", b"\x89PNG"), ("svg", b"<?xml"), ("pdf", b"%PDF")])
@@ -277,6 +278,26 @@ def test_the_colour_blind_can_distinguish_all_colours(kind: str) -> None:
             assert np.linalg.norm(difference) > AT_A_GLANCE, (one, other)
 
 
+def test_the_names_of_the_axes_cover_no_number_of_a_straight_path() -> None:
+    waypoints = (Waypoint(rest_s=1.0), *(Waypoint((0.05 * k, 0.0, 0.0), move_s=0.8, rest_s=0.5) for k in range(1, 8)))
+    assert overlaps(figures.draw("path", demo_values(track(simulate(Task("straight", waypoints)))))) == []
+
+
+def test_a_keyframe_that_was_moved_far_is_in_the_view(pouring: DemoValues) -> None:
+    *others, last = pouring.keyframes
+    away = replace(last, T_nav_sensor=Pose(np.array([0.1, 2.0, 0.5]), last.T_nav_sensor.wxyz))
+    ax = figures.draw("view-yx", replace(pouring, keyframes=(*others, away))).axes[0]
+    assert ax.get_xlabel() == "y in nav (m)"
+    assert max(ax.get_xlim()) > 2.0
+
+
+def test_a_number_stands_beside_a_line_between_two_samples() -> None:
+    ax = Figure().subplots()
+    label_keyframes(ax, np.array([[0.5, 0.5]]), [np.array([[0.5, 0.5], [1.0, 1.0]])])
+    x, y = ax.texts[0].xyann  # type: ignore[attr-defined]
+    assert not (x > 0.0 and y > 0.0)
+
+
 def test_a_number_without_room_is_left_out(pouring: DemoValues) -> None:
     first, second, *rest = pouring.keyframes
     crowded = replace(pouring, keyframes=(first, replace(second, t=first.t + 0.02), *rest))
@@ -285,5 +306,5 @@ def test_a_number_without_room_is_left_out(pouring: DemoValues) -> None:
     assert {"0", "2"} <= {*shown}
     figure = Figure(figsize=(0.4, 0.4))
     ax = figure.subplots()
-    label_keyframes(ax, np.array([[0.5, 0.5]]), np.array([[0.0, 0.0], [1.0, 1.0]]))
+    label_keyframes(ax, np.array([[0.5, 0.5]]), [np.array([[0.0, 0.0], [1.0, 1.0]])])
     assert len(ax.texts) == 0
