@@ -15,7 +15,7 @@ ONE = ("summary", "path", "motion", "velocity", "sigma")
 """Of the bundled demonstration."""
 SEVERAL = ("views", "spread")
 """Of four simulated ones of the same task."""
-TREMBLES, SWING_M, SWING_S, SWINGS, HURRIES, HURRIES_S = 5, 0.004, 0.1, 12, 3, 0.1
+TREMBLES, SWING_M, SWING_S, SWINGS, HURRIES, HURRIES_S = 5, 0.008, 0.1, 12, 3, 0.1
 """The hand trembles at one keyframe, up and down in so many seconds, and stands still at another for so many."""
 
 
