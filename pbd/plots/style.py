@@ -87,6 +87,7 @@ _STYLE: dict[str, Any] = {
     "lines.linewidth": 1.1,
     "savefig.facecolor": "white",
     "agg.path.chunksize": 10000,
+    "pdf.fonttype": 42,  # TrueType: journals refuse Type 3
     "svg.hashsalt": "pbd",
 }
 
