@@ -57,11 +57,9 @@ def choose_motion(arm: ArmModel, request: MotionRequest, scene: CollisionScene |
     found = search.run()
     if scene is not None and isinstance(found, Refusal) and found.why == COLLISION:
         close = _Search(arm, request, scene.closer(), ladder)
-        closer, only_near = close.run(), found.error.fields["value"] == 0.0
-        if isinstance(closer, Motion):
+        if isinstance(closer := close.run(), Motion):
             warn_of_closeness(found.error)
-        if isinstance(closer, Motion) or only_near:  # what is only near does not bar the motion
-            search, found = close, closer
+        search, found = close, closer  # a refusal names what bars the motion, not what is only near
     if isinstance(found, Motion):
         warn_about_motion(found, search.retreat_hit)
     return found

@@ -337,7 +337,8 @@ def test_without_ompl_a_move_that_a_detour_may_replace_says_that_none_was_search
 
 
 def test_a_refusal_gives_the_number_of_checks_of_detours(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(ladder_checks, "DETOUR_CHECKS", 50)
+    """Those of the last search, with the smaller margin."""
+    monkeypatch.setattr(ladder_checks, "DETOUR_CHECKS", 50 / ladder_checks.CLOSE_CHECKS_SHARE)
     monkeypatch.setattr(ladder_checks, "DETOUR_CHECKS_PER_KEYFRAME", 0)
     message = refused((LEFT, RIGHT), PLATE, approach=False).error.message
     checks = int(message.partition(" pairs of arm poses, and no detour found in ")[2].split(" checks. Straight")[0])
