@@ -176,7 +176,8 @@ def _unit(
         given, by = time_unit(name) if channel == "t" else split_unit(name)[1], "its name"
     if not given and channel != "t":
         given, by = beside.get(CHANNEL_OF[ours], ""), "another axis's name"
-    if channel in program.units and (not given or program.units[channel] == f"-{given.lower()}"):
+    reversed_ = by != "--unit" and program.units.get(channel) == f"-{given.lower()}"
+    if channel in program.units and (reversed_ or not given):
         given, by = program.units[channel], program.title
     if not given:
         return 1.0, standard, NO_UNIT
