@@ -275,7 +275,28 @@ def test_gravity_and_the_rest_are_added(tmp_path: Path, gravity: str, rest: str,
     recording = imported(tmp_path, text + 2 * f"{row}\n", rate_hz=50.0)
     assert_allclose(recording.acc[0], [0.5, 0.25, 9.75])
     assert_allclose(not_none(recording.gyr)[0], [1.0, 0.0, -2.0])
-    assert recording.info.source.unread[names[3]] == "added to gravity"
+    assert recording.info.source.unread[names[3]] == f"added to {names[0]}"
+
+
+PARTS = "gravity.x,gravity.y,gravity.z,userAcceleration.x,userAcceleration.y,userAcceleration.z"
+PARTS_ROW = "0.5,0,-1,0.25,0.125,-0.5\n"
+
+
+@pytest.mark.parametrize("part", ["gravity", "userAcceleration"])
+def test_axes_of_gravity_and_the_rest_can_be_swapped(tmp_path: Path, part: str) -> None:
+    """As advice about axes does. It was refused or ignored; if all three axes were given, gravity alone was read."""
+    columns = {"ax": f"{part}.y", "ay": f"-{part}.x"}
+    (tmp_path / "run.csv").write_text(f"{PARTS}\n{2 * PARTS_ROW}")
+    got = import_file(tmp_path / "run.csv", columns, rate_hz=50.0).recording
+    assert_allclose(got.acc[0], np.array([-0.125, 0.75, 1.5]) * GRAVITY)
+    assert [column.named_by for column in got.info.source.of("acc")] == ["--column", "--column", "its name"]
+
+
+@pytest.mark.parametrize(("part", "other"), [("gravity.{}", "gravity.{} (m/s^2)"), ("gravity", "left_gravity")])
+def test_gravity_in_another_unit_or_of_another_device_is_not_added(tmp_path: Path, part: str, other: str) -> None:
+    header = re.sub(part.format("([xyz])"), other.format(r"\1"), PARTS)
+    with pytest.raises(RecordingError, match=r"userAcceleration\.z are without gravity, which is needed"):
+        imported(tmp_path, f"{header}\n{2 * PARTS_ROW}", rate_hz=50.0)
 
 
 HYPERIMU = """@ HyperIMU
@@ -652,6 +673,32 @@ def test_a_column_may_name_the_sensor_of_each_row(tmp_path: Path, order: tuple[s
     assert_allclose(not_none(recording.gyr), [[1.5, 0.0, -2.0]] * 4)
 
 
+@pytest.mark.parametrize(
+    ("row", "rate_hz", "says"),
+    [
+        (f"0,Light,300{7 * ','}\n", None, ":602: 10 cells where the header has 5"),  # as many as three sensors' columns
+        ("", 50.0, "the rows of 3 devices .* in the column 'Sensor'"),  # a rate of which rows?
+    ],
+)
+def test_rows_of_sensors_that_cannot_be_told_are_refused(
+    tmp_path: Path, row: str, rate_hz: float | None, says: str
+) -> None:
+    lines = 200 * "0,Accelerometer,0,0,9.75\n0,Gyroscope,1.5,0,-2\n0,Light,300,,\n"
+    with pytest.raises(RecordingError, match=says):
+        imported(tmp_path, f"Timestamp,Sensor,X,Y,Z\n{lines}{row}", rate_hz)
+
+
+def test_the_step_of_time_goes_before_a_rate_in_the_remarks(tmp_path: Path) -> None:
+    text = "# sampling rate: 100 Hz\ndt,ax,ay,az\n"
+    assert_allclose(imported(tmp_path, text + 3 * "0.02,0,0,9.75\n").t, [0.0, 0.02, 0.04])
+
+
+@pytest.mark.parametrize(("rate", "says"), [("EMG sampling rate: 2000", "no column for t"), ("Data rate: 0", "is 0;")])
+def test_a_rate_that_is_not_the_samples_is_not_used(tmp_path: Path, rate: str, says: str) -> None:
+    with pytest.raises(RecordingError, match=says):
+        imported(tmp_path, f"# {rate} Hz\nax,ay,az,gx,gy,gz\n" + 3 * "0,0,9.75,0,0,0\n")
+
+
 @pytest.mark.parametrize("remark", ["// Sample rate: 120.0Hz\n", "# Config: data_rate = 120.0 Hz, filter = 42 Hz\n\n"])
 def test_the_rate_may_be_in_the_remarks(tmp_path: Path, remark: str) -> None:
     rows = "".join(f"{k},0.5,0.25,9.75,1.5,0,-2\n" for k in range(37328, 37332))
@@ -797,6 +844,8 @@ def test_the_force_of_an_iphones_sensorlog_points_up(tmp_path: Path) -> None:
     assert_allclose(read.acc[0], GRAVITY * np.array((0.05, 0.03, 1.0)))
     assert_allclose(not_none(read.gyr)[0], (1.5, 0.0, -2.0))
     assert_allclose(imported(tmp_path, SENSORLOG, acc="-g").acc, read.acc)
+    assert read.info.source.reverse_acc_option() == "--unit acc=g"  # it had no effect
+    assert_allclose(imported(tmp_path, SENSORLOG, acc="g").acc, -read.acc)
 
 
 def test_raw_counts_give_way_to_readings_with_a_unit(tmp_path: Path) -> None:

@@ -60,15 +60,18 @@ def read_csv(request: Request) -> Demonstration | None:
     given = {ours: name for ours, name in request.columns.items() if ours not in request.beside}
     grip_column = given.pop("grip", "")
     text = foreign_text(path, files[path.stem]() if files else None)
-    sheet, rate_hz = _opened(replace(request, path=path), given, text)
-    sheet = with_columns_for_each_sensor(sheet)
+    sheet, rate_hz = _opened(replace(request, path=path), text), request.rate_hz
+    if rate_hz is None:  # else it is not known of which rows it is the rate
+        sheet = with_columns_for_each_sensor(sheet)
     units = request.units if rate_hz is None else {"t": "s", **request.units}  # of times that are not read
     refuse_several_devices(sheet)
     found, in_steps = _understood(sheet, given, units, rate_hz)
-    parts = parts_of_force(sheet.header, found)
-    if parts:
-        given = {**given, **{ours: gravity for ours, (gravity, _) in parts.items()}}
+    gravity, other_parts = parts_of_force(sheet.header, found)
+    if gravity:
+        given = {**gravity, **given}
         found, in_steps = _understood(sheet, given, units, rate_hz)
+    if rate_hz is None and not found.of("t"):
+        rate_hz = _rate_of_remarks(sheet)
     _refuse_missing(sheet, found, rate_hz)
     refuse_alternating_devices(sheet, found)
     if found.of("t"):
@@ -78,10 +81,12 @@ def read_csv(request: Request) -> Demonstration | None:
     with np.errstate(all="ignore"):  # infinite values are repaired later, like other invalid samples
         channels = {channel: scaled(table, found, channel) for channel in CHANNELS if found.of(channel)}
         found, magnetometer = magnetometer_beside(path, files, found, units)
-        if parts:
-            channels["acc"] = add_rest(sheet, channels["acc"], found, parts)
-            for gravity, rest in parts.values():
-                found = found.with_column(gravity, named_by="its name").with_unread({rest: "added to gravity"})
+        if gravity:
+            channels["acc"] = add_rest(sheet, channels["acc"], found, other_parts)
+            for column in found.of("acc"):
+                by = "--column" if column.ours in request.columns else "its name"
+                found = found.with_column(column.name, named_by=by)
+                found = found.with_unread({other_parts[column.name]: f"added to {column.name}"})
         for channel in {"angle", "rpy"} & channels.keys():  # WitMotion leaves an output that is off empty
             if not np.isfinite(channels[channel]).any():
                 found = found.without(channel, "no number in any row")
@@ -111,15 +116,10 @@ def read_csv(request: Request) -> Demonstration | None:
     return Demonstration(remapped(path, recording, request.beside))
 
 
-def _opened(request: Request, columns: Mapping[str, str], text: str) -> tuple[Sheet, float | None]:
-    """Open a table, or convert printed lines to one. Return it and its rate: the caller's, or that of its remarks."""
+def _opened(request: Request, text: str) -> Sheet:
+    """Open a table, or convert printed lines to one."""
     path, rate_hz = request.path, request.rate_hz
     sheet = printed_sheet(path, text) if is_printed(text) else open_sheet(path, foreign=True, text=text)
-    sampling = r"(?i)(?:update|sampl\w+|data|output)[ _]?rate\W{1,3}(\d+\.?\d*)\s?hz"
-    of_remarks = set(map(float, re.findall(sampling, sheet.preamble)))
-    timed = any(map(is_time, sheet.header)) or {"t", "dt"} & {*columns} or (of_remarks and dated_column(sheet))
-    if rate_hz is None and len(of_remarks) == 1 and not timed:
-        (rate_hz,) = of_remarks
     if rate_hz is not None:
         check_rate(path, rate_hz, "the rate is")
     unit = request.units.get("t") or ("s" if rate_hz is not None else "")
@@ -127,7 +127,18 @@ def _opened(request: Request, columns: Mapping[str, str], text: str) -> tuple[Sh
         sheet = replace(sheet, body=without_thousands(sheet.body, sheet.delimiter))  # `100.010` may be ms, not s
     if (top := sheet.body[:5000].rpartition("\n")[0]) and '"' not in top:
         replace(sheet, body=top).read(())  # the first rows: wider ones are refused before names are asked for
-    return sheet, rate_hz
+    return sheet
+
+
+def _rate_of_remarks(sheet: Sheet) -> float | None:
+    """Return the rate of the samples that lines above the header tell; None: none, or several."""
+    sampling = r"(?im)(?:^|[:;,])\W*(?:(?:update|sampl\w+|data|output)[ _]?)+rate\W{1,3}(\d+\.?\d*)\s?hz"
+    rates = set(map(float, re.findall(sampling, sheet.preamble)))
+    if len(rates) != 1:
+        return None
+    (rate_hz,) = rates
+    check_rate(sheet.path, rate_hz, "the rate above the header is")
+    return rate_hz
 
 
 def _understood(
