@@ -140,12 +140,10 @@ def with_line_below(header: Sequence[str], below: Sequence[str]) -> list[str]:
     names, group = [], ""
     for name, cell in zip(header, [*below, *[""] * (len(header) - len(below))], strict=False):
         group = name or group
-        unit = re.sub(r"^[\[(](.*)[\])]$", r"\1", cell)
+        unit = re.sub(r"^[\[(](.*)[\])]$|^[\d.]+ ?Hz$", r"\1", cell)  # Delsys writes rates
         if re.fullmatch(r"(?:\w+_)?[xyzXYZ](?:\W.*)?", cell):
             words, *its_unit = re.split(r"(?=[(\[])", group, maxsplit=1)
             names.append(" ".join([words.strip(), cell, *its_unit]))
-        elif name.endswith((")", "]")):  # it has a unit; the rate may follow, as Delsys writes it
-            names.append(name)
         else:
             names.append(f"{name} ({unit})" if unit and name else name or unit)
     return names

@@ -146,6 +146,14 @@ def test_the_rate_below_a_unit_is_no_unit(tmp_path: Path) -> None:
     assert_allclose(not_none(got.gyr)[0], np.multiply(GYR, DEG))
 
 
+@pytest.mark.parametrize("axes", ["[0] [1] [2]", "(x) (y) (z)"])
+def test_the_unit_below_an_axis_in_brackets_is_read(tmp_path: Path, axes: str) -> None:
+    names = ",".join(f"{quantity} {axis}" for quantity in ("Acc", "Gyro") for axis in axes.split())
+    got = read(tmp_path, table(f"t,{names}\ns{3 * ',g'}{3 * ',deg/s'}"))
+    assert_allclose(got.acc[0], np.multiply(ACC, 9.80665))
+    assert_allclose(not_none(got.gyr)[0], np.multiply(GYR, DEG))
+
+
 def test_devices_may_be_above_the_quantities_and_a_first_column_without_a_name_can_be_named(tmp_path: Path) -> None:
     """pandas writes an index and columns of two levels so; gaitmap's example data."""
     axes = ",".join(2 * ["acc_x,acc_y,acc_z,gyr_x,gyr_y,gyr_z"])
