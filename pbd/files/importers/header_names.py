@@ -7,6 +7,7 @@ published readers, examples and files that were used. German names are plain tra
 """
 
 import re
+from functools import lru_cache
 
 from pbd.data.imu_columns import ATTITUDE
 from pbd.data.units import normalized_unit, unit_factor
@@ -108,6 +109,7 @@ def plain(name: str) -> str:
     return re.sub(r"_axis$", "", re.sub(r"[\s.,\-/:_%]+", "_", words.lower()).strip("_"))
 
 
+@lru_cache  # names recur in every printed line
 def split_unit(name: str) -> tuple[str, str]:
     """Split off the unit, "" if there is none: `Gyroscope X (deg/s)` -> `Gyroscope X`, `deg/s`.
 
