@@ -112,7 +112,7 @@ class RecordingWriter:
                 reason = unwritable(self.folder, reason, RecordingError)
             if self.rows == 0:
                 raise reason from None
-            what = f"{reason.message.rpartition(';')[0]}; its {self.rows} samples so far are intact"
+            what = f"{reason.message.rsplit(';', 1)[0]}; its {self.rows} samples so far are intact"
             raise RecordingError(f"{what}: make room and record again", path=self.folder, rows=self.rows) from None
 
     def _write_toml(self) -> None:

@@ -183,8 +183,9 @@ def label_keyframes(ax: Axes, at: Array, lines: Sequence[Array]) -> None:
     ax.apply_aspect()
     to_points = 72.0 / figure.dpi
     spots = to_points * ax.transData.transform(at)
-    inked = np.unique(np.vstack([_inked(to_points * ax.transData.transform(line)) for line in lines]), axis=0)
-    (left, bottom), (right, top) = to_points * np.asarray(ax.bbox.get_points())
+    lowest, highest = to_points * np.asarray(ax.bbox.get_points())
+    drawn = (to_points * ax.transData.transform(line) for line in lines)
+    inked = np.unique(np.vstack([_inked(line, lowest, highest) for line in drawn]), axis=0)
     size = FontProperties(size="small").get_size_in_points()
     taken = np.empty((0, 4))
     every = _step(len(spots))
@@ -193,7 +194,7 @@ def label_keyframes(ax: Axes, at: Array, lines: Sequence[Array]) -> None:
         half = 0.5 * size * np.array([0.64 * len(words) + 0.5, 1.25])
         centres = spots[place] + DIRECTIONS * (RADII + half * np.abs(DIRECTIONS))
         low, high = centres - half, centres + half
-        free = (low >= (left, bottom)).all(axis=1) & (high <= (right, top)).all(axis=1)
+        free = (low >= lowest).all(axis=1) & (high <= highest).all(axis=1)
         free &= ~((low[:, None] < taken[:, 2:]) & (high[:, None] > taken[:, :2])).all(axis=2).any(axis=1)
         if free.any():
             covered = 50.0 * _inside(spots, low - 2.0, high + 2.0) + _inside(inked, low, high)
@@ -206,8 +207,9 @@ def label_keyframes(ax: Axes, at: Array, lines: Sequence[Array]) -> None:
             )  # fmt: skip
 
 
-def _inked(line: Array) -> Array:
-    """Points (m, 2) that a line (n, 2) covers, all in points; NaN interrupts it."""
+def _inked(line: Array, low: Array, high: Array) -> Array:
+    """Points (m, 2) that a line (n, 2) covers in a box, all in points; NaN, or what is outside, interrupts it."""
+    line = np.where(((line >= low) & (line <= high)).all(axis=1)[:, None], line, np.nan)
     along = np.append(0.0, np.nancumsum(np.linalg.norm(np.diff(line, axis=0), axis=1)))
     steps = np.arange(0.0, along[-1] + 1.0)
     covered = np.column_stack([np.interp(steps, along, axis) for axis in line.T])

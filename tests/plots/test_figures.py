@@ -289,6 +289,8 @@ def test_a_keyframe_that_was_moved_far_is_in_the_view(pouring: DemoValues) -> No
     ax = figures.draw("view-yx", replace(pouring, keyframes=(*others, away))).axes[0]
     assert ax.get_xlabel() == "y in nav (m)"
     assert max(ax.get_xlim()) > 2.0
+    lost = replace(last, cov=1e12 * np.eye(6))  # 40 GB, if followed beyond the view
+    assert figures.draw("view-yx", replace(pouring, keyframes=(*others, lost))).axes[0].texts
 
 
 def test_a_number_stands_beside_a_line_between_two_samples() -> None:

@@ -149,6 +149,7 @@ def test_stops_add_nothing_to_the_panel_that_nobody_sees(page: Page) -> None:
     assert "pbd" not in titles
 
 
+@pytest.mark.usefixtures("shown_positions")
 def test_the_whole_scene_is_in_sight_without_parts_of_the_replay(page: Page) -> None:
     for part in ("panel", "bar"):
         assert not page(f'return document.getElementById("{part}").checkVisibility()')
