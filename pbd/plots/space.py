@@ -209,7 +209,7 @@ def label_keyframes(ax: Axes, at: Array, lines: Sequence[Array]) -> None:
 
 def _inked(line: Array, low: Array, high: Array) -> Array:
     """Points (m, 2) that a line (n, 2) covers in a box, all in points; NaN, or what is outside, interrupts it."""
-    line = np.where(((line >= low) & (line <= high)).all(axis=1)[:, None], line, np.nan)
+    line = np.where(np.any((line < low) | (line > high), axis=1, keepdims=True), np.nan, line)
     along = np.append(0.0, np.nancumsum(np.linalg.norm(np.diff(line, axis=0), axis=1)))
     steps = np.arange(0.0, along[-1] + 1.0)
     covered = np.column_stack([np.interp(steps, along, axis) for axis in line.T])
