@@ -32,6 +32,7 @@ from pbd.errors import RecordingError, UsageError, listed, warn
 from pbd.files.keyframes import KEYFRAMES_FILE
 from pbd.files.keyframes_edit import set_frames
 from pbd.io.numbers import LARGEST_NUDGE_M
+from pbd.io.toml import SMALLEST_POSITIVE
 from pbd.planning import arm_of, load_robot_and_calibration, solve_keyframes
 from pbd.planning.object_frames import keyframes_of_things, refuse_unknown_things
 from pbd.planning.result import place_remark, size_remark
@@ -139,7 +140,7 @@ def _success(args: argparse.Namespace, placed: KeyframesInBase | None) -> Succes
     if args.tolerance is None:
         return success_of(placed) if any(each.tolerance_m is not None for each in placed.keyframes) else None
     within_m, *within_deg = args.tolerance
-    if not 0.0 < within_m <= LARGEST_NUDGE_M or len(within_deg) > 1 or min(within_deg, default=1.0) <= 0.0:
+    if min(args.tolerance) < SMALLEST_POSITIVE or within_m > LARGEST_NUDGE_M or len(within_deg) > 1:
         raise UsageError(f"--tolerance takes METRES (up to {LARGEST_NUDGE_M}), or METRES DEGREES, above zero")
     return success_of(placed, within_m, math.radians(within_deg[0]) if within_deg else math.inf)
 
