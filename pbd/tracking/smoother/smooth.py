@@ -111,8 +111,8 @@ def smooth(
         if recuts:
             recuts -= 1
             cut = cut | doubted_stops(problem, path.v, found.still_weight, candidates, samples.still_sigma)
-            gaps = (*samples.gaps, *samples.still_gaps)
-            stops = revised_stops(problem, path.v, found.solved, candidates, cut, samples.still_sigma, gaps)
+            all_gaps = (*samples.gaps, *samples.still_gaps)
+            stops = revised_stops(problem, path.v, found.solved, candidates, cut, samples.still_sigma, all_gaps)
             if not stops or settled(problem.frame.t, problem.stops, stops):
                 problem, recuts = replace(problem, stops=stops or problem.stops), 0
                 continue
