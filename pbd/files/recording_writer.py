@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from pbd.data import Demonstration, GripEvent, Recording, RecordingInfo
-from pbd.errors import PbdError, RecordingError
+from pbd.errors import PbdError, RecordingError, amount
 from pbd.files.demo import demo_toml, imu_header, imu_rows, refuse_demo_folder
 from pbd.io.atomic import atomic_file, atomic_folder, is_file, unwritable, write_text
 from pbd.pose import Array
@@ -108,12 +108,11 @@ class RecordingWriter:
         try:
             yield
         except (OSError, PbdError) as reason:
-            if isinstance(reason, OSError):
-                reason = unwritable(self.folder, reason, RecordingError)
-            if self.rows == 0:
-                raise reason from None
-            what = f"{reason.message.rsplit(';', 1)[0]}; its {self.rows} samples so far are intact"
-            raise RecordingError(f"{what}: make room and record again", path=self.folder, rows=self.rows) from None
+            error = unwritable(self.folder, reason, RecordingError) if isinstance(reason, OSError) else reason
+            if self.rows:
+                what = f"{error.message}; intact so far: {amount(self.rows, 'sample')}"
+                error = RecordingError(what, path=self.folder, rows=self.rows)
+            raise error from None
 
     def _write_toml(self) -> None:
         with self._writing():

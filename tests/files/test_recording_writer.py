@@ -88,7 +88,9 @@ def test_a_full_disk_leaves_the_written_rows_intact(tmp_path: Path, monkeypatch:
 
     write = os.write
     monkeypatch.setattr(os, "write", half)
-    with pytest.raises(RecordingError, match=r"No space left on device\); its 1 samples so far are intact"):
+    with pytest.raises(
+        RecordingError, match=r"No space left on device\); give another place; intact so far: 1 sample$"
+    ):
         demo.add(samples(0.01))
     monkeypatch.undo()
     demo.close()
@@ -112,7 +114,9 @@ def test_a_disk_that_is_full_at_a_grip_or_the_end_leaves_the_rows_intact_and_say
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(Path, method, full)
-    with pytest.raises(RecordingError, match=r"No space left on device\); its 2 samples so far are intact"):
+    with pytest.raises(
+        RecordingError, match=r"No space left on device\); give another place; intact so far: 2 samples$"
+    ):
         act(demo)
     monkeypatch.undo()
     demo.close()
