@@ -10,7 +10,7 @@ left, in nav.
 from __future__ import annotations
 
 from copy import copy
-from math import sqrt
+from math import atan2, hypot, sqrt
 
 import numpy as np
 
@@ -55,6 +55,7 @@ GAUSS_LEGENDRE = ((5 / 18, 0.5 - sqrt(0.15)), (8 / 18, 0.5), (5 / 18, 0.5 + sqrt
 """Weights and nodes of three-point quadrature on [0, 1], exact for polynomials up to the fifth power."""
 
 BIASES = np.arange(STATES)[SENSOR_ERRORS][np.r_[GYR_BIAS, ACC_BIAS]]
+OF_POSE = np.ix_(np.r_[POS, ROT], np.r_[POS, ROT])
 
 
 class ErrorStateFilter:
@@ -76,7 +77,8 @@ class ErrorStateFilter:
         self.noise = noise
         self.E: Array = np.eye(3) if no_gyro else _level(rest.up_sensor, field)
         self.v, self.p = np.zeros(3), np.zeros(3)
-        self._undisturbed = self.E @ (UP if field is None else field)
+        east, north, up = undisturbed = self.E @ (UP if field is None else field)
+        self._strength, self._dip = float(lengths(undisturbed)), atan2(up, hypot(east, north))
         self.x, self.gravity, self.north = np.zeros(ERRORS), noise.gravity, 0.0
         self.x[LAG] = noise.lag
         self.C = C
@@ -187,9 +189,8 @@ class ErrorStateFilter:
 
     def update_compass(self, field: Array, lasted: float) -> None:
         """The mean field (3,) over `lasted` s, in the gyro frame, shows north if it is as in the first rest."""
-        earth, h = self._undisturbed, self.E @ field
-        strength, dip = float(lengths(earth)), float(np.arctan2(earth[2], np.hypot(earth[0], earth[1])))
-        (east,), (by_turn,), (trust,) = compass_heading(h[None], strength, dip, self.noise)
+        h = (self.E @ field)[None]
+        (east,), (by_turn,), (trust,) = compass_heading(h, self._strength, self._dip, self.noise)
         if trust > 0.0:
             self._update_heading(east, by_turn, self.noise.compass_heading**2 / lasted / trust)
 
@@ -242,8 +243,7 @@ class ErrorStateFilter:
 
     def pose(self) -> tuple[Pose, Array]:
         """T_nav_sensor, and the covariance (6, 6) of position and rotation."""
-        order = np.r_[POS, ROT]
-        return Pose(self.p, quat_from_matrix(self.E @ self.C)), self.P[np.ix_(order, order)]
+        return Pose(self.p, quat_from_matrix(self.E @ self.C)), self.P[OF_POSE]
 
     def _update(self, H: Array, residual: Array, variance: float | Array, robust: bool = True) -> None:
         """Kalman update: residual (k,) = H (k, STATES) times the error state + noise of this variance."""

@@ -27,6 +27,9 @@ from pbd.tracking.smoother.preintegration import (
     of_blocks_by_errors,
 )
 
+ROUNDING_PER_S = np.diag(np.repeat(np.square(ROUNDING_SIGMAS), 3)) / MOVE_KNOT_S
+"""Variance (9, 9) of the rounding error of the smoother's legs, per second."""
+
 CLIPPED_SHARE = 0.2
 """One sigma of what is lost by clipping, as a share of the largest reading."""
 
@@ -164,7 +167,7 @@ class Strapdown:
         """
         T, n = self.T, self.count
         C = self._Cs[n // 2]
-        rate, force = np.mean(self._rates, axis=0), np.mean(self._accs, axis=0)
+        rate, force = (np.add.reduce(each) / (n + 1) for each in (self._rates, self._accs))
         J = np.zeros((9, ERRORS))
         w, f = (np.zeros(3), up @ C) if quiet else (rate, force)
         (J[ROT, OF_GYR],), (J[VEL, OF_ACC],) = of_blocks_by_errors(C[None], w[None], f[None], np.array([T]))
@@ -187,8 +190,7 @@ class Strapdown:
         g, a = np.add((s_g, s_a), self._gap_noise)
         g, a, to_end, h = np.array([g, a, 0.5 * T, T])[:, None]
         white: Array = block_noise(self.U[None] / T, g, a, to_end, h, np.array([0]))[0]
-        rounding = np.repeat(np.square(ROUNDING_SIGMAS), 3)  # of a leg of the smoother
-        return white + np.diag(rounding * T / MOVE_KNOT_S)
+        return white + T * ROUNDING_PER_S
 
 
 def _middles(dt: float, earlier: Array, before: Array, own: Array) -> Array:
