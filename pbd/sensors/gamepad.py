@@ -73,27 +73,28 @@ class GamepadDecoder:
         """See `Decoder`."""
         data, at, samples = self._rest + data, 0, list[Sample]()
         while at + EVENT.size <= len(data):
-            end = len(data) - (len(data) - at) % EVENT.size
-            for seconds, micros, kind, code, value in EVENT.iter_unpack(memoryview(data)[at:end]):
-                if code >= _CODES.get(kind, 0) or not (0 <= micros < 1_000_000 and 0 <= seconds < 2**33):
-                    self.tally.bad_packets += not self._junk
-                    self._junk = True
-                    at += 1
-                    break
-                self._junk = False
-                at += EVENT.size
-                if kind == EV_ABS:
-                    self._axes[code] = value
-                elif kind == EV_MSC and code == MSC_TIMESTAMP:
-                    self._stamp = value % WRAP_US
-                elif kind == EV_MSC and code == MSC_RAW and value in PADS:
-                    self._acc_per_g, self._pad = value, PADS[value]
-                elif kind == EV_KEY:
-                    self.tally.grip_presses += value == 1 and code in GRIP_KEYS
-                elif kind == EV_SYN:
-                    self._end_report(code, samples)
+            seconds, micros, kind, code, value = EVENT.unpack_from(data, at)
+            possible = code < _CODES.get(kind, 0) and 0 <= micros < 1_000_000 and 0 <= seconds < 2**33
+            if possible:
+                self._take(kind, code, value, samples)
+            else:
+                self.tally.bad_packets += not self._junk
+            self._junk = not possible
+            at += EVENT.size if possible else 1
         self._rest = data[at:]
         return samples
+
+    def _take(self, kind: int, code: int, value: int, samples: list[Sample]) -> None:
+        if kind == EV_ABS:
+            self._axes[code] = value
+        elif kind == EV_MSC and code == MSC_TIMESTAMP:
+            self._stamp = value % WRAP_US
+        elif kind == EV_MSC and code == MSC_RAW and value in PADS:
+            self._acc_per_g, self._pad = value, PADS[value]
+        elif kind == EV_KEY:
+            self.tally.grip_presses += value == 1 and code in GRIP_KEYS
+        elif kind == EV_SYN:
+            self._end_report(code, samples)
 
     def _end_report(self, code: int, samples: list[Sample]) -> None:
         """End a report. The first report after SYN_DROPPED is incomplete and gives no sample."""
