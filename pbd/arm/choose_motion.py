@@ -83,11 +83,13 @@ class _Search(Mending):
             path = self.ladder.search(self.is_free, self.cost, self.wide_costs)
             if isinstance(path, Barred):
                 refused = self._mend_all(path)
-                if refused is not None and self.before_trial is not None:
+                if refused is None:
+                    continue
+                if self.before_trial is not None:
                     self._restore()
-                elif refused is not None and self.ladder.first > 0:
+                elif self.ladder.first > 0:
                     self.ladder.release()
-                elif refused is not None:
+                else:
                     return refused()
             elif self._make_lines(path):
                 continue
@@ -139,17 +141,18 @@ class _Search(Mending):
             self.ladder.drop(place, place + 1)
             del self.links[-1]
             return None
-        remedy = move.remedies.pop(0)
-        if remedy == "follow":
-            self._follow_path(place)
-        elif remedy == "widen":
-            self._widen(i)
-        elif remedy == "detour":
-            self._detour(i)
-        elif remedy == "connect":
-            self.connect(place)
-        elif (stuck := self._split(place)) is not None:
-            return None if move.keep_detours_only() else partial(self._refuse, stuck)
+        match move.remedies.pop(0):
+            case "follow":
+                self._follow_path(place)
+            case "widen":
+                self._widen(i)
+            case "detour":
+                self._detour(i)
+            case "connect":
+                self.connect(place)
+            case "split":
+                if (stuck := self._split(place)) is not None and not move.keep_detours_only():
+                    return partial(self._refuse, stuck)
         return None
 
     def _make_lines(self, path: Sequence[int]) -> bool:
