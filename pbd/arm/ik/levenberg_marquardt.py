@@ -6,6 +6,7 @@ e = (p - p_target, log3(R R_target^T)), in m and rad; 1 rad counts as 1 m. A ste
 """
 
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -38,6 +39,24 @@ PATIENCE = 4
 """Number of successive slow steps after which a seed is given up."""
 
 
+class StopRule(NamedTuple):
+    """When a descent ends.
+
+    Attributes:
+        patience: number of successive slow steps after which it ends.
+        steps: largest number of steps.
+        solved: |e|^2 below which it ends.
+        stalled: a step that leaves more than this share of |e|^2 is the last.
+        still: it ends with a step in which no joint would move by this much, rad.
+    """
+
+    patience: int = MOST_STEPS
+    steps: int = MOST_STEPS
+    solved: float = SOLVED
+    stalled: float = STALLED
+    still: float = 0.0
+
+
 def descend_each(
     arm: ArmModel,
     target: pin.SE3,
@@ -59,9 +78,9 @@ def descend_each(
         solutions; without `all_seeds`, only the last can be one.
     """
     found, squares = [], []
-    residual = Residual(arm, target)
+    residual, rule = Residual(arm, target), StopRule(patience)
     for seed in q_seeds:
-        q, square = descend(residual, arm.limits, seed, patience=patience, travel_scale=arm.travel_scale)
+        q, square = descend(residual, arm.limits, seed, rule, arm.travel_scale)
         found.append(q)
         squares.append(square)
         if square < SOLVED and not all_seeds:
@@ -92,12 +111,7 @@ def descend(
     residual: Callable[[Array], tuple[Array, Array]],
     limits: JointLimits,
     q_seed: Array,
-    *,
-    patience: int = MOST_STEPS,
-    steps: int = MOST_STEPS,
-    solved: float = SOLVED,
-    stalled: float = STALLED,
-    still: float = 0.0,
+    rule: StopRule,
     travel_scale: Array | float = 1.0,
 ) -> tuple[Array, float]:
     """Minimize the square of a residual, starting from a seed (k,).
@@ -106,11 +120,7 @@ def descend(
         residual: returns e (m,) and its Jacobian (m, k) at joints (k,).
         limits: of the joints.
         q_seed: (k,) rad; it is clipped to the limits.
-        patience: number of successive slow steps after which the descent ends.
-        steps: largest number of steps.
-        solved: |e|^2 below which the descent ends.
-        stalled: a step that leaves more than this share of |e|^2 is the last.
-        still: the descent ends with a step in which no joint would move by this much, rad.
+        rule: when the descent ends.
         travel_scale: (k,) see ArmModel.
 
     Returns:
@@ -124,8 +134,8 @@ def descend(
     H = np.empty((len(q), len(q)))
     diagonal = H.ravel()[:: len(q) + 1]
     at_a_limit = bool(((q == lower) | (q == upper)).any())
-    for _ in range(steps):
-        if square < solved or slow_steps == patience:
+    for _ in range(rule.steps):
+        if square < rule.solved or slow_steps == rule.patience:
             break
         gradient = e @ J
         if at_a_limit:
@@ -138,7 +148,7 @@ def descend(
             step = _dposv(H, gradient)[1]
             if step.dot(step) > MOST_TURN**2:
                 step *= MOST_TURN / max(MOST_TURN, step.max(), -step.min())
-            if still and np.abs(step).max() < still:
+            if rule.still and np.abs(step).max() < rule.still:
                 return q, square
             free = q - step
             q_next = np.minimum(np.maximum(free, lower), upper)
@@ -154,7 +164,7 @@ def descend(
         at_a_limit = at_a_limit or free.tobytes() != q_next.tobytes()
         damping = max(LEAST_DAMPING, 0.2 * damping)
         slow_steps = slow_steps + 1 if square_next > SLOW * square else 0
-        at_its_end = square_next > stalled * square
+        at_its_end = square_next > rule.stalled * square
         q, square, e, J = q_next, square_next, e_next, J_next
         if at_its_end:
             break

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from pbd.arm.ik.levenberg_marquardt import EXACT, descend
+from pbd.arm.ik.levenberg_marquardt import EXACT, StopRule, descend
 from pbd.arm.ik.starts import distinct, starts_of
 from pbd.arm.model import ArmModel, to_se3
 from pbd.errors import in_degrees, warn
@@ -43,10 +43,9 @@ POSITION_STARTS, POSITION_STRIDE = 32, 4
 alike."""
 
 _ROUGH, _FINE = 0.3, 0.003  # m: weight of 1 rad of the approach axis, in the first descents and in the last
-_ROUGH_STEPS, _FINE_STEPS = 8, 200
+_ROUGH_RULE, _FINE_RULE = StopRule(steps=8), StopRule(steps=200, solved=EXACT**2, stalled=1.0, still=1e-7)
 _KEPT = 4  # number of starts from which the last descents are made
 _APART_RAD = 0.2  # descents that end closer to each other than this in every joint count as one
-_STILL_RAD = 1e-7  # the last descent ends with a smaller step
 
 
 class PartialPose(NamedTuple):
@@ -86,7 +85,7 @@ def solve_partial(arm: ArmModel, goal: pin.SE3, q_seeds: Array) -> list[PartialP
     samples = starts_of(arm)
     starts = (q_seeds, samples.nearest(goal, NEAREST_STARTS), samples.q[:RANDOM_STARTS])
     rough = _Residual(arm, goal, _ROUGH)
-    ended = [descend(rough, arm.limits, q, steps=_ROUGH_STEPS) for q in np.vstack(starts)]
+    ended = [descend(rough, arm.limits, q, _ROUGH_RULE) for q in np.vstack(starts)]
     kept = [*distinct(np.array([q for q, _ in sorted(ended, key=lambda end: end[1])]), _KEPT, _APART_RAD)]
     places = [measure(arm, goal, nearest_position(arm, goal, q)) for q in kept]
     if not any(place.reached for place in places):  # the weight of the rotation may have led away from the position
@@ -105,7 +104,7 @@ def solve_partial(arm: ArmModel, goal: pin.SE3, q_seeds: Array) -> list[PartialP
 def refine_partial(arm: ArmModel, goal: pin.SE3, q_seed: Array) -> PartialPose:
     """Descend from a seed (k,) to a solution by the rule."""
     fine = _Residual(arm, goal, _FINE)
-    q, _ = descend(fine, arm.limits, q_seed, steps=_FINE_STEPS, solved=EXACT**2, stalled=1.0, still=_STILL_RAD)
+    q, _ = descend(fine, arm.limits, q_seed, _FINE_RULE)
     return measure(arm, goal, nearest_position(arm, goal, q))
 
 
@@ -117,7 +116,7 @@ def nearest_position(arm: ArmModel, goal: pin.SE3, q_seed: Array) -> Array:
         p, _, J = arm.tool_with_jacobian(q)
         return p - p_goal, J[:3]
 
-    q, _ = descend(residual, arm.limits, q_seed, solved=EXACT**2)
+    q, _ = descend(residual, arm.limits, q_seed, StopRule(solved=EXACT**2))
     return q
 
 

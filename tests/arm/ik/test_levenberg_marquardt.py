@@ -4,7 +4,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from pbd.arm.ik.levenberg_marquardt import MOST_STEPS, PATIENCE, SOLVED, Residual, descend, descend_each
+from pbd.arm.ik.levenberg_marquardt import MOST_STEPS, PATIENCE, SOLVED, Residual, StopRule, descend, descend_each
 from pbd.arm.ik.starts import starts_of
 from pbd.arm.model import ArmModel, to_se3
 from pbd.data import JointLimits
@@ -51,5 +51,5 @@ def test_a_seed_is_given_up_after_so_many_slow_steps(patience: int, reached: flo
     """From 10 rad away, at 1 rad a step, more than 70 % of the error remains after each of the first steps."""
     ones = np.ones(1)
     limits = JointLimits(-20.0 * ones, 20.0 * ones, ones, ones, ones, "")
-    q, _ = descend(lambda q: (q - 10.0, np.eye(1)), limits, np.zeros(1), patience=patience)
+    q, _ = descend(lambda q: (q - 10.0, np.eye(1)), limits, np.zeros(1), StopRule(patience))
     np.testing.assert_allclose(q, reached, atol=1e-4)
