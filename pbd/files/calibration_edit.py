@@ -153,11 +153,7 @@ def _fill(table: Table, values: Values) -> None:
         trailing.append(body.pop()[1])  # comments at the end belong to the next table: new keys go before them
     for key, (value, comment) in values.items():
         if value is None:
-            if key in table:
-                table.remove(key)
-        elif isinstance(value, Mapping):
-            table[key] = tomlkit.inline_table()
-            table[key].update(value)
+            table.pop(key, None)
         elif key in table:
             table[key] = _item(value)
         else:
@@ -172,6 +168,10 @@ def _fill(table: Table, values: Values) -> None:
 
 def _item(value: Value) -> Any:
     """Make the TOML item of a value. A list of nine or more numbers is a square matrix, with one row a line."""
+    if isinstance(value, Mapping):
+        inline = tomlkit.inline_table()
+        inline.update(value)
+        return inline
     if isinstance(value, str) or not isinstance(value, Sequence):
         return tomlkit.item(value)
     if len(value) < 9:
