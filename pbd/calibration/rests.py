@@ -1,5 +1,6 @@
 """Find the rests of a sensor that was put down in several orientations, with its mean readings."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -70,8 +71,6 @@ def find_rests(recording: Recording) -> Rests:
     Raises:
         CalibrationError: the sensor was never still, or the recording is too short.
     """
-    from scipy.ndimage import find_objects, label
-
     rate = recording.rate_hz
     length = max(4, round(0.5 * rate))  # of a window, half a second
     if len(recording) < length:
@@ -88,14 +87,8 @@ def find_rests(recording: Recording) -> Rests:
             tolerance = np.hypot(np.radians(0.3), 4.0 * np.sqrt(np.median(gyr_var[quiet]) / length))
             off = np.linalg.norm(gyr_mean - np.median(gyr_mean[quiet], axis=0), axis=1)
             still = quiet & (off < tolerance)
-    edge = round(0.2 * rate)  # 0.2 s at each end of a rest
-
-    def spans_of(windows: NDArray[np.bool_]) -> list[tuple[int, int]]:
-        spans = ((rows.start, rows.stop + length - 1) for (rows,) in find_objects(label(windows)[0]))
-        return [(start + edge, stop - edge) for start, stop in spans if (stop - start) / rate >= SHORTEST_REST_S]
-
-    spans = spans_of(still)
-    turning = max(0, len(spans_of(quiet)) - len(spans))
+    spans = _long_spans(still, length, rate)
+    turning = max(0, len(_long_spans(quiet, length, rate)) - len(spans))
     if not spans:
         raise CalibrationError(
             f"the sensor was never still for {SHORTEST_REST_S:g} s; put it down for two seconds in each orientation, "
@@ -103,14 +96,8 @@ def find_rests(recording: Recording) -> Rests:
             bound=SHORTEST_REST_S,
         )
     start, stop = np.array(spans, dtype=np.intp).T
-
-    def means(values: Array | None) -> tuple[Array | None, float]:
-        if values is None:
-            return None, 0.0
-        noise = np.mean([values[a:b].var(axis=0).mean() for a, b in spans])
-        return np.array([values[a:b].mean(axis=0) for a, b in spans]), float(np.sqrt(noise))
-
-    (acc, acc_noise), (gyr, gyr_noise), (mag, mag_noise) = map(means, (recording.acc, recording.gyr, recording.mag))
+    sensors = recording.acc, recording.gyr, recording.mag
+    (acc, acc_noise), (gyr, gyr_noise), (mag, mag_noise) = (_mean_and_noise(values, spans) for values in sensors)
     assert acc is not None
     return Rests(start, stop, acc, gyr, mag, acc_noise, gyr_noise, mag_noise, turning)
 
@@ -148,6 +135,23 @@ def _still(what: str, t: Array, values: Array, variance: Array) -> NDArray[np.bo
     rounding = 3.0 * resolution_of(values) ** 2 / 12.0
     # Three times as much, because one window of coarse readings may show one value while the next alternates.
     return np.asarray(variance <= np.clip(3.0**2 * max(quietest, rounding), floor**2, still**2))
+
+
+def _long_spans(windows: NDArray[np.bool_], length: int, rate_hz: float) -> list[tuple[int, int]]:
+    """Return ranges of rows from runs of windows of `length` samples: those that last, without 0.2 s at each end."""
+    from scipy.ndimage import find_objects, label
+
+    edge = round(0.2 * rate_hz)
+    spans = ((rows.start, rows.stop + length - 1) for (rows,) in find_objects(label(windows)[0]))
+    return [(start + edge, stop - edge) for start, stop in spans if (stop - start) / rate_hz >= SHORTEST_REST_S]
+
+
+def _mean_and_noise(values: Array | None, spans: Sequence[tuple[int, int]]) -> tuple[Array | None, float]:
+    """Return a sensor's mean in each range of rows, (k, 3), and its rms noise; None and 0 without that sensor."""
+    if values is None:
+        return None, 0.0
+    noise = np.mean([values[a:b].var(axis=0).mean() for a, b in spans])
+    return np.array([values[a:b].mean(axis=0) for a, b in spans]), float(np.sqrt(noise))
 
 
 def _moving(values: Array, length: int) -> tuple[Array, Array]:
