@@ -35,24 +35,12 @@ def read_grip(sheet: Sheet, given: str, t: Array) -> tuple[dict[str, str], tuple
     Raises:
         RecordingError: there is no such column, or a cell says neither open nor closed.
     """
-    name = given if given in sheet.header else given.removeprefix("-")
-    reverse = name != given
     if given:
+        name = given if given in sheet.header else given.removeprefix("-")
+        reverse = name != given
         refuse_missing(sheet.path, sheet.header, [name], RecordingError)
-    for each in () if given else sheet.header:
-        if says := re.fullmatch(_SAYS, plain(each)):
-            name, reverse = each, says["state"].startswith("open")
-            break
-        if re.fullmatch(_MAY_SAY, plain(each)):
-            words = {word.strip('"').lower() for word in sheet.words(each)} - NO_NUMBER
-            if words <= WORDS.keys():
-                name = each
-                break
-            if None not in (likely := set(map(_level, words))):
-                option = f"--column grip={printable(each)}"
-                what = f"the column '{printable(each)}' seems to be the gripper's, and is not read"
-                high = max(words) if likely <= {0.0, 1.0} else f"above {HALF_CLOSED:g}"
-                warn(f"{what}: import it with {option} if {high} is closed, or with grip=- and its name if open")
+    else:
+        name, reverse = _find_column(sheet)
     if not name:
         return {}, ()
     sheet.refuse_duplicates((name,))
@@ -80,6 +68,26 @@ def read_grip(sheet: Sheet, given: str, t: Array) -> tuple[dict[str, str], tuple
         warn(f"{column} has fractions: the grip is {'open' if reverse else 'closed'} above {HALF_CLOSED:g}")
     does = (f"{'closes' if event.closed else 'opens'} at {event.t:.1f} s" for event in events)
     return {name: f"read as the grip: {listed(does) or 'always open'}"}, tuple(events)
+
+
+def _find_column(sheet: Sheet) -> tuple[str, bool]:
+    """Return the first column that by its name or words is the grip's, "": none, and whether 1 is open in it.
+
+    Columns before it that only may be the grip's give a warning.
+    """
+    for name in sheet.header:
+        if says := re.fullmatch(_SAYS, plain(name)):
+            return name, says["state"].startswith("open")
+        if re.fullmatch(_MAY_SAY, plain(name)):
+            words = {word.strip('"').lower() for word in sheet.words(name)} - NO_NUMBER
+            if words <= WORDS.keys():
+                return name, False
+            if None not in (likely := set(map(_level, words))):
+                option = f"--column grip={printable(name)}"
+                what = f"the column '{printable(name)}' seems to be the gripper's, and is not read"
+                high = max(words) if likely <= {0.0, 1.0} else f"above {HALF_CLOSED:g}"
+                warn(f"{what}: import it with {option} if {high} is closed, or with grip=- and its name if open")
+    return "", False
 
 
 def _level(word: str) -> float | None:
