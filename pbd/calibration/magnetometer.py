@@ -111,18 +111,27 @@ def _fit_well_turned(mag: Array, noise: float) -> tuple[Array, Array, float]:
     return centre, root / scale, 1.0 / scale
 
 
-def _jackknife(jacobian: Array, residuals: Array, place: NDArray[np.intp]) -> Array:
-    """Return the sigmas (p,) of least squares by how the estimate moves if each place in turn is left out.
+def _sigmas(jacobian: Array, residuals: Array, place: NDArray[np.intp]) -> Array:
+    """Return the sigmas (p,) of robust least squares: by the curvature, or by the jackknife over places if larger.
 
-    The field differs from place to place, so all residuals (n,) of a place are off alike. Source: J. G. MacKinnon and
-    H. White, Some heteroskedasticity-consistent covariance matrix estimators, J. Econometrics 29, 1985.
-    `place` (n,) counts from 0; residuals of place -1 are never left out.
+    The field differs from place to place, so all residuals (n,) of a place are off alike: each place in turn is left
+    out, and the estimate moves. Source: J. G. MacKinnon and H. White, Some heteroskedasticity-consistent covariance
+    matrix estimators, J. Econometrics 29, 1985. `place` (n,) counts from 0; residuals of place -1 are never left out.
     """
+    # scipy scales the Jacobian's rows for the robust loss, but returns the residuals as they are
+    scaled = residuals * (1.0 + (residuals / ROBUST_SIGMAS) ** 2) ** 0.25
     normal, moved = jacobian.T @ jacobian, []
     for k in range(place.max() + 1):
-        own, off = jacobian[place == k], residuals[place == k]
+        own, off = jacobian[place == k], scaled[place == k]
         moved.append(np.linalg.lstsq(normal - own.T @ own, own.T @ off)[0])
-    return np.asarray(np.sqrt(np.square(moved).sum(axis=0)))
+    jackknife = np.sqrt(np.square(moved).sum(axis=0))
+    return np.asarray(np.maximum(np.linalg.norm(np.linalg.pinv(jacobian), axis=1), jackknife))
+
+
+def _axes_turn(matrix: Array) -> float:
+    """Return the angle, rad, of the rotation that is nearest to a matrix (3, 3)."""
+    left, _, right = np.linalg.svd(matrix)
+    return float(np.arccos(np.clip((np.trace(left @ right) - 1.0) / 2.0, -1.0, 1.0)))
 
 
 def fit_magnetometer(mag: Array, rests: Rests, up_sensor: Array, up_sigma: float = 0.0) -> MagnetometerFit:
@@ -177,12 +186,9 @@ def fit_magnetometer(mag: Array, rests: Rests, up_sensor: Array, up_sigma: float
             "the field differs too much from rest to rest; move away from iron and motors, check the axes and signs of "
             "mx, my, mz, and calibrate again"
         )
-    jacobian, rest = np.asarray(result.jac), np.arange(len(at_rest))
     nearest = np.searchsorted(0.5 * (rests.stop[:-1] + rests.start[1:]), rows)  # in a move the field changes gradually
-    # scipy scales the Jacobian's rows for the robust loss, but returns the residuals as they are
-    scaled = result.fun * (1.0 + (result.fun / ROBUST_SIGMAS) ** 2) ** 0.25
-    jackknife = _jackknife(jacobian, scaled, np.concatenate((nearest, rest, np.full(3, -1))))
-    sigma = np.maximum(np.linalg.norm(np.linalg.pinv(jacobian), axis=1), jackknife)[:3]
+    place = np.concatenate((nearest, np.arange(len(at_rest)), np.full(3, -1)))
+    sigma = _sigmas(np.asarray(result.jac), result.fun, place)[:3]
     dip = float(np.arcsin(np.clip(vertical / field, -1.0, 1.0)))
     strength = np.linalg.norm((used - bias) @ matrix.T, axis=1) / field
     each_dip = np.arcsin(np.clip(-vertical_part(bias, matrix) / field, -1.0, 1.0))
@@ -192,7 +198,6 @@ def fit_magnetometer(mag: Array, rests: Rests, up_sensor: Array, up_sigma: float
     strength_at_rest = np.linalg.norm((at_rest - bias) @ matrix.T, axis=1) / field
     as_read = np.linalg.norm(used, axis=1)
     unit = float(np.cbrt(np.linalg.det(matrix)))
-    left, _, right = np.linalg.svd(matrix)
     return MagnetometerFit(
         linear=LinearErrors(bias, matrix / unit, sigma),
         field=field / unit,
@@ -201,5 +206,5 @@ def fit_magnetometer(mag: Array, rests: Rests, up_sensor: Array, up_sigma: float
         dip_uneven=dip_uneven,
         heading=float(max(of_dip, rms(strength_at_rest - 1.0)) / np.cos(dip)),
         uneven_before=float(as_read.std() / as_read.mean()),
-        axes_turn=float(np.arccos(np.clip((np.trace(left @ right) - 1.0) / 2.0, -1.0, 1.0))),
+        axes_turn=_axes_turn(matrix),
     )
