@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import combinations, permutations
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,6 +17,16 @@ OUTLIER_COST = 16.0
 
 AMBIGUOUS_COST = 12.0
 """Difference in cost below which two matches count as equally likely. A correct point costs about 3."""
+
+
+class _Touched(NamedTuple):
+    """The stops and points to be matched: the first five arguments of `match_points`."""
+
+    p: Array
+    sigma: Array
+    points: Array
+    in_order: bool
+    free: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,19 +68,20 @@ def match_points(p_nav_tip: Array, sigma: Array, points: Array, in_order: bool, 
             bound=m,
         )
     sigma = np.hypot(sigma, 0.005)  # m; with less, a hypothesis from two stops is too strict
-    best, bound = _best_matches(p_nav_tip, sigma, points, in_order, free), OUTLIER_COST * max(1.0, m - 2.0)
+    touched = _Touched(p_nav_tip, sigma, points, in_order, free)
+    best, bound = _best_matches(touched), OUTLIER_COST * max(1.0, m - 2.0)
     cost = best[0].cost if best else np.inf
     exchanged = None
     if in_order and m > FEWEST_POINTS and cost > OUTLIER_COST:
-        exchanged = _exchanged(_best_matches(p_nav_tip, sigma, points, False, free), cost)
+        exchanged = _exchanged(_best_matches(touched._replace(in_order=False)), cost)
     if in_order and exchanged is None:
         if cost <= bound:
-            _warn_of_other_orders(best[0], p_nav_tip, sigma, points, bound)
+            _warn_of_other_orders(best[0], touched, bound)
         if n == m:
             return tuple(range(m))
     alike = []
     for check, mirror in MIRRORED.items():
-        for other in _best_matches(p_nav_tip, sigma, points * mirror, in_order, free)[:1]:
+        for other in _best_matches(touched._replace(points=points * mirror))[:1]:
             if other.cost < min(cost - AMBIGUOUS_COST, bound):
                 raise mirrored(check)
             if best and other.stops != best[0].stops and other.cost < cost + AMBIGUOUS_COST:
@@ -77,7 +89,7 @@ def match_points(p_nav_tip: Array, sigma: Array, points: Array, in_order: bool, 
     if exchanged is not None:
         rows = " and ".join(f"{k + 1}" for k in _moved(exchanged))
         warn(f"rows {rows} of the points fit if they were touched in each other's place, so they are exchanged")
-        _warn_of_other_orders(exchanged, p_nav_tip, sigma, points, bound)
+        _warn_of_other_orders(exchanged, touched, bound)
         return exchanged.stops
     if cost > bound:
         raise CalibrationError(
@@ -120,17 +132,17 @@ def _rival(match: _Match, others: list[_Match]) -> _Match | None:
     return None
 
 
-def _warn_of_other_orders(match: _Match, p: Array, sigma: Array, points: Array, bound: float) -> None:
+def _warn_of_other_orders(match: _Match, touched: _Touched, bound: float) -> None:
     """Warn if the points, touched in their order by a match's stops, fit in another order too, as a square's corners.
 
     Such a pose puts two stops on the two points that are farthest apart. `bound` is the largest cost of a fit.
     """
-    p, sigma = p[list(match.stops)], sigma[list(match.stops)]
-    given = p, sigma, points, False
+    stops, points = list(match.stops), touched.points
+    alone = _Touched(touched.p[stops], touched.sigma[stops], points, in_order=False, free=False)
     apart = lengths((points[:, None] - points[None])[..., :2])
     ends = list(np.unravel_index(int(np.argmax(apart)), apart.shape))
-    poses = _hypotheses(p, sigma, points[ends], in_order=False, free=False)
-    found = [_refined(_assign(pose, *given), *given, free=False) for pose in poses]
+    poses = _hypotheses(alone._replace(points=points[ends]))
+    found = [_refined(_assign(pose, alone), alone) for pose in poses]
     in_order = next((match for match in found if list(match.stops) == sorted(match.stops)), None)
     if in_order and in_order.cost <= bound and (other := _rival(in_order, found)):
         rows = listed(f"{other.stops.index(k) + 1}" for k in range(len(points)))
@@ -140,20 +152,20 @@ def _warn_of_other_orders(match: _Match, p: Array, sigma: Array, points: Array, 
         )
 
 
-def _best_matches(p: Array, sigma: Array, points: Array, in_order: bool, free: bool) -> list[_Match]:
+def _best_matches(touched: _Touched) -> list[_Match]:
     """Return the 20 best matches of different stops, aligned again on all of their stops, by cost."""
-    given = p, sigma, points, in_order
-    matches = sorted((_assign(pose, *given) for pose in _hypotheses(*given, free)), key=lambda match: -match.cost)
+    matches = sorted((_assign(pose, touched) for pose in _hypotheses(touched)), key=lambda match: -match.cost)
     unique = sorted({match.stops: match for match in matches}.values(), key=lambda match: match.cost)
-    return sorted((_refined(match, *given, free) for match in unique[:20]), key=lambda match: match.cost)
+    return sorted((_refined(match, touched) for match in unique[:20]), key=lambda match: match.cost)
 
 
-def _hypotheses(p: Array, sigma: Array, points: Array, in_order: bool, free: bool) -> Iterator[Pose]:
+def _hypotheses(touched: _Touched) -> Iterator[Pose]:
     """Yield T_base_nav for each two stops and two points with the same horizontal distance.
 
     If the tilt is `free`, they are three stops and three points with the same distances. The points are among six,
     evenly spaced in their order: two right ones suffice. Points within 3 cm of each other give no heading.
     """
+    p, sigma, points, in_order, free = touched
     among = np.unique(np.linspace(0, len(points) - 1, 6).round().astype(int))
     chosen = np.array(list((combinations if in_order else permutations)(among, 2 + free)))
 
@@ -168,9 +180,10 @@ def _hypotheses(p: Array, sigma: Array, points: Array, in_order: bool, free: boo
             yield align(p[i], points[places], free)
 
 
-def _assign(T_base_nav: Pose, p: Array, sigma: Array, points: Array, in_order: bool) -> _Match:
+def _assign(T_base_nav: Pose, touched: _Touched) -> _Match:
     from scipy.optimize import linear_sum_assignment
 
+    p, sigma, points, in_order, _ = touched
     square = ((T_base_nav.act(p)[:, None] - points[None]) ** 2).sum(axis=2) / sigma[:, None] ** 2
     cost = np.minimum(square, OUTLIER_COST) + 1e-6 * square  # beyond the cap, nearer stops still cost less
     if in_order and len(p) == len(points):
@@ -199,15 +212,16 @@ def _rows_in_order(cost: Array) -> tuple[int, ...]:
     return tuple(reversed(rows))
 
 
-def _refined(match: _Match, p: Array, sigma: Array, points: Array, in_order: bool, free: bool) -> _Match:
+def _refined(match: _Match, touched: _Touched) -> _Match:
     """Align a match on all of its stops that fit, assign again, and repeat while that lowers the cost."""
+    p, sigma, points, _, free = touched
     while True:
         stops = list(match.stops)
         off = np.linalg.norm(match.T_base_nav.act(p[stops]) - points, axis=1) / sigma[stops]
         good = off < np.sqrt(OUTLIER_COST)
         if good.sum() < 2 + free:
             return match
-        again = _assign(align(p[stops][good], points[good], free), p, sigma, points, in_order)
+        again = _assign(align(p[stops][good], points[good], free), touched)
         if again.cost >= match.cost:
             return match
         match = again
