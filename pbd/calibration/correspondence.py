@@ -186,9 +186,7 @@ def _assign(T_base_nav: Pose, touched: _Touched) -> _Match:
     p, sigma, points, in_order, _ = touched
     square = ((T_base_nav.act(p)[:, None] - points[None]) ** 2).sum(axis=2) / sigma[:, None] ** 2
     cost = np.minimum(square, OUTLIER_COST) + 1e-6 * square  # beyond the cap, nearer stops still cost less
-    if in_order and len(p) == len(points):
-        stops = tuple(range(len(p)))
-    elif in_order:
+    if in_order:
         stops = _rows_in_order(cost)
     else:
         rows, columns = linear_sum_assignment(cost)

@@ -128,12 +128,6 @@ def _sigmas(jacobian: Array, residuals: Array, place: NDArray[np.intp]) -> Array
     return np.asarray(np.maximum(np.linalg.norm(np.linalg.pinv(jacobian), axis=1), jackknife))
 
 
-def _axes_turn(matrix: Array) -> float:
-    """Return the angle, rad, of the rotation that is nearest to a matrix (3, 3)."""
-    left, _, right = np.linalg.svd(matrix)
-    return float(np.arccos(np.clip((np.trace(left @ right) - 1.0) / 2.0, -1.0, 1.0)))
-
-
 def fit_magnetometer(mag: Array, rests: Rests, up_sensor: Array, up_sigma: float = 0.0) -> MagnetometerFit:
     """Fit hard and soft iron: an ellipsoid first, then least squares of strength and dip.
 
@@ -198,6 +192,7 @@ def fit_magnetometer(mag: Array, rests: Rests, up_sensor: Array, up_sigma: float
     strength_at_rest = np.linalg.norm((at_rest - bias) @ matrix.T, axis=1) / field
     as_read = np.linalg.norm(used, axis=1)
     unit = float(np.cbrt(np.linalg.det(matrix)))
+    left, _, right = np.linalg.svd(matrix)
     return MagnetometerFit(
         linear=LinearErrors(bias, matrix / unit, sigma),
         field=field / unit,
@@ -206,5 +201,5 @@ def fit_magnetometer(mag: Array, rests: Rests, up_sensor: Array, up_sigma: float
         dip_uneven=dip_uneven,
         heading=float(max(of_dip, rms(strength_at_rest - 1.0)) / np.cos(dip)),
         uneven_before=float(as_read.std() / as_read.mean()),
-        axes_turn=_axes_turn(matrix),
+        axes_turn=float(np.arccos(np.clip((np.trace(left @ right) - 1.0) / 2.0, -1.0, 1.0))),
     )

@@ -58,12 +58,7 @@ class StopRule(NamedTuple):
 
 
 def descend_each(
-    arm: ArmModel,
-    target: pin.SE3,
-    q_seeds: Array,
-    *,
-    patience: int = PATIENCE,
-    all_seeds: bool = False,
+    arm: ArmModel, target: pin.SE3, q_seeds: Array, *, patience: int = PATIENCE, all_seeds: bool = False
 ) -> tuple[Array, Array]:
     """Descend from one seed after the other until one reaches the target.
 

@@ -71,10 +71,7 @@ def read_grip(sheet: Sheet, given: str, t: Array) -> tuple[dict[str, str], tuple
 
 
 def _find_column(sheet: Sheet) -> tuple[str, bool]:
-    """Return the first column that by its name or words is the grip's, "": none, and whether 1 is open in it.
-
-    Columns before it that only may be the grip's give a warning.
-    """
+    """Return the grip's column by its name or words ("": none), and whether 1 is open in it; warn of likely ones."""
     for name in sheet.header:
         if says := re.fullmatch(_SAYS, plain(name)):
             return name, says["state"].startswith("open")
