@@ -1,6 +1,5 @@
 """Find the rests of a sensor that was put down in several orientations, with its mean readings."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -96,10 +95,12 @@ def find_rests(recording: Recording) -> Rests:
             bound=SHORTEST_REST_S,
         )
     start, stop = np.array(spans, dtype=np.intp).T
-    sensors = recording.acc, recording.gyr, recording.mag
-    (acc, acc_noise), (gyr, gyr_noise), (mag, mag_noise) = (_mean_and_noise(values, spans) for values in sensors)
-    assert acc is not None
-    return Rests(start, stop, acc, gyr, mag, acc_noise, gyr_noise, mag_noise, turning)
+    mean, noise = dict[str, Array](), dict.fromkeys(("acc", "gyr", "mag"), 0.0)
+    for name, values in recording.channels.items():
+        mean[name] = np.array([values[a:b].mean(axis=0) for a, b in spans])
+        noise[name] = float(np.sqrt(np.mean([values[a:b].var(axis=0).mean() for a, b in spans])))
+    means = mean["acc"], mean.get("gyr"), mean.get("mag")
+    return Rests(start, stop, *means, noise["acc"], noise["gyr"], noise["mag"], turning)
 
 
 def rms(values: Array) -> float:
@@ -144,14 +145,6 @@ def _long_spans(windows: NDArray[np.bool_], length: int, rate_hz: float) -> list
     edge = round(0.2 * rate_hz)
     spans = ((rows.start, rows.stop + length - 1) for (rows,) in find_objects(label(windows)[0]))
     return [(start + edge, stop - edge) for start, stop in spans if (stop - start) / rate_hz >= SHORTEST_REST_S]
-
-
-def _mean_and_noise(values: Array | None, spans: Sequence[tuple[int, int]]) -> tuple[Array | None, float]:
-    """Return a sensor's mean in each range of rows, (k, 3), and its rms noise; None and 0 without that sensor."""
-    if values is None:
-        return None, 0.0
-    noise = np.mean([values[a:b].var(axis=0).mean() for a, b in spans])
-    return np.array([values[a:b].mean(axis=0) for a, b in spans]), float(np.sqrt(noise))
 
 
 def _moving(values: Array, length: int) -> tuple[Array, Array]:
