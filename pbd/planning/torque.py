@@ -41,7 +41,8 @@ def check_torque(
     assumed = "effort" in limits.assumed
     bound = f"its {'assumed ' if assumed else ''}torque limit of {torque.bound:.3g} {torque.unit}"
     carrying = f", carrying {load}" if str(load) else ""
-    needs = f"{torque.joint} needs {_shown(torque.value)} {torque.unit} at {torque.t:.2f} s{carrying}"
+    shown = f"{torque.value:.3g}" if torque.value < 1000.0 else f"{torque.value:.0f}"
+    needs = f"{torque.joint} needs {shown} {torque.unit} at {torque.t:.2f} s{carrying}"
     if torque.share > (ASSUMED_FACTOR if assumed else 1.0):
         slower = _fitting_speed(options.speed, share_at)
         lighter = "carry less" if carrying else "move the dock nearer to the base"
@@ -68,7 +69,3 @@ def _fitting_speed(speed: float, share_at: Callable[[float], float]) -> float | 
         return None
     slower = range(1, round(100.0 * speed))
     return bisect_left(slower, True, key=lambda percent: share_at(percent / 100) > 1.0) / 100 or None
-
-
-def _shown(value: float) -> str:
-    return f"{value:.3g}" if value < 1000.0 else f"{value:.0f}"
