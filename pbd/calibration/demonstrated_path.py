@@ -5,8 +5,10 @@ and within SMOOTH_M and SMOOTH_RAD. The path starts and ends exactly at the keyf
 belong to an object that stands elsewhere now, so corrections at both ends are spread smoothly over the move.
 """
 
+from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from itertools import pairwise
 
 import numpy as np
@@ -118,16 +120,10 @@ def smoothed(x: Array, values: Array, within: float) -> Array:
     """
     from scipy.interpolate import make_smoothing_spline
 
-    if len(x) < 5 or within <= 0.0:
+    if len(x) < 5 or not within > 0.0:
         return values
-    weights, strengths = np.ones(len(x)), np.logspace(-12, 1, 27)
+    weights, strengths = np.ones(len(x)), np.logspace(-12, 1, 27).tolist()
     weights[[0, -1]] = 1e6  # so large that it passes through them
-    best, low, high = values, 0, len(strengths)
-    while low < high:
-        middle = (low + high) // 2
-        fitted = make_smoothing_spline(x, values, w=weights, lam=float(strengths[middle]))(x)
-        if np.linalg.norm(fitted - values, axis=1).max() <= within:
-            best, low = fitted, middle + 1
-        else:
-            high = middle
-    return best
+    fitted = cache(lambda strength: make_smoothing_spline(x, values, w=weights, lam=strength)(x))
+    too_smooth = bisect_right(strengths, within, key=lambda each: np.linalg.norm(fitted(each) - values, axis=1).max())
+    return np.asarray(fitted(strengths[too_smooth - 1])) if too_smooth else values
