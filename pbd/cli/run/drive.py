@@ -52,18 +52,14 @@ def drive_arm(args: argparse.Namespace, robot: Robot) -> int:
         for remark in whole_motion_remarks(plan, args.calibration):
             say(remark)
         with Keys() as keys:
+            if not (args.dry_run or args.yes):
+                with noting(UNCHANGED_NOTE):
+                    way = "Clear the arm's way; keep a hand at its power switch."
+                    keys.ask(f"{way} Enter starts it; any other key cancels.")
             if args.dry_run:
                 say("dry run: the servos are read, and given no goals")
             else:
-                if not args.yes:
-                    with noting(UNCHANGED_NOTE):
-                        way = "Clear the arm's way; keep a hand at its power switch."
-                        keys.ask(f"{way} Enter starts it; any other key cancels.")
-                now = arm.state()
-                by = np.degrees(np.abs(encoders.to_joints(now.counts) - encoders.to_joints(before.counts)).max())
-                if by > 2.0:  # degrees
-                    what = f"the arm was moved by {by:.1f} degrees since it was measured"
-                    raise SensorError(f"{what}, so the motion doesn't begin there: run it again")
+                now = _unmoved_state(arm, encoders, before)
                 t, goals = sample_goals(encoders, plan.trajectory, now, args.rate)
                 arm.enable_torque(now.counts)
                 say("the arm moves: any key stops it")
@@ -73,17 +69,20 @@ def drive_arm(args: argparse.Namespace, robot: Robot) -> int:
             done = stream(arm, goals, args.rate, monitor, Clock(), lambda: bool(keys.next()), args.dry_run)
     code = _report_end(done, monitor, encoders, args, device)  # before the JSON, whose reader may be gone
     if args.json:
-        print_json(
-            {
-                **plan_json(plan),
-                "port": device,
-                "servos": str(file),
-                "dry_run": args.dry_run,
-                **_motion_json(done, monitor, bus, encoders.names, args.dry_run),
-                "warnings": args.warnings,
-            }
-        )
+        arm_json = {"port": device, "servos": str(file), "dry_run": args.dry_run}
+        motion = _motion_json(done, monitor, bus, encoders.names, args.dry_run)
+        print_json({**plan_json(plan), **arm_json, **motion, "warnings": args.warnings})
     return 128 + keys.signal if done.by_hand and keys.signal else code
+
+
+def _unmoved_state(arm: ServoArm, encoders: Encoders, before: ServoState) -> ServoState:
+    """Measure the arm again; refuse one that was moved by more than 2 degrees since it was measured before."""
+    now = arm.state()
+    by = np.degrees(np.abs(encoders.to_joints(now.counts) - encoders.to_joints(before.counts)).max())
+    if by > 2.0:  # degrees
+        what = f"the arm was moved by {by:.1f} degrees since it was measured"
+        raise SensorError(f"{what}, so the motion doesn't begin there: run it again")
+    return now
 
 
 def _check_pace(bus: Bus, arm: ServoArm) -> None:
