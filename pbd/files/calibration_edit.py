@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import tomlkit
-from tomlkit.items import Comment, Table, Whitespace
+from tomlkit.items import Table
 
 from pbd.data import Calibration, SensorErrors
 from pbd.errors import CalibrationError
@@ -150,7 +150,7 @@ def _table(document: tomlkit.TOMLDocument, part: str) -> Table:
 def _fill(table: Table, values: Values) -> None:
     body, trailing = table.value.body, []
     while body and body[-1][0] is None:
-        trailing.append(body.pop()[1])  # comments at the end belong to the next table: new keys go before them
+        trailing.append(body.pop())  # comments at the end belong to the next table: new keys go before them
     for key, (value, comment) in values.items():
         if value is None:
             table.pop(key, None)
@@ -161,9 +161,7 @@ def _fill(table: Table, values: Values) -> None:
             if comment:
                 item.comment(comment)
             table.add(key, item)
-    for item in reversed(trailing):
-        assert isinstance(item, Comment | Whitespace)
-        table.add(item)
+    body.extend(reversed(trailing))
 
 
 def _item(value: Value) -> Any:

@@ -169,3 +169,9 @@ def test_any_edits_leave_what_a_person_wrote(
     if "mount" in parts:
         assert calibration.T_sensor_tool.distance(pose)[0] < 2e-5
     assert (calibration.sensor is not None) == any(part.startswith("sensor") for part in parts)
+
+
+def test_an_indented_comment_keeps_its_indentation(bench: Path) -> None:
+    bench.write_text(BENCH.replace("[dock]", "  [dock]").replace("# about", "  # about"), encoding="utf-8")
+    update_calibration(bench, {"dock": {"any_attitude": (False, "")}})
+    assert "\n  # about the shelf\n" in bench.read_text(encoding="utf-8")
