@@ -77,8 +77,7 @@ class GamepadDecoder:
             possible = code < _CODES.get(kind, 0) and 0 <= micros < 1_000_000 and 0 <= seconds < 2**33
             if possible:
                 self._take(kind, code, value, samples)
-            else:
-                self.tally.bad_packets += not self._junk
+            self.tally.bad_packets += not (possible or self._junk)
             self._junk = not possible
             at += EVENT.size if possible else 1
         self._rest = data[at:]
