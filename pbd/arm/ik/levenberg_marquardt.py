@@ -72,15 +72,12 @@ def descend_each(
         The joints (n, k), within limits, at which the n descents ended, and |e|^2 (n,) at them. Those below SOLVED are
         solutions; without `all_seeds`, only the last can be one.
     """
-    found, squares = [], []
-    residual, rule = Residual(arm, target), StopRule(patience)
+    residual, rule, ended = Residual(arm, target), StopRule(patience), list[tuple[Array, float]]()
     for seed in q_seeds:
-        q, square = descend(residual, arm.limits, seed, rule, arm.travel_scale)
-        found.append(q)
-        squares.append(square)
-        if square < SOLVED and not all_seeds:
+        ended.append(descend(residual, arm.limits, seed, rule, arm.travel_scale))
+        if ended[-1][1] < SOLVED and not all_seeds:
             break
-    return np.array(found), np.array(squares)
+    return np.array([q for q, _ in ended]), np.array([square for _, square in ended])
 
 
 class Residual:
@@ -124,13 +121,13 @@ def descend(
     lower, upper = limits.lower, limits.upper
     q = np.minimum(np.maximum(q_seed, lower), upper)
     e, J = residual(q)
-    square, damping, slow_steps = float(e.dot(e)), DAMPING, 0
+    square, square_before, damping, slow_steps = float(e.dot(e)), np.inf, DAMPING, 0
     stiffness = travel_scale * travel_scale
     H = np.empty((len(q), len(q)))
     diagonal = H.ravel()[:: len(q) + 1]
     at_a_limit = bool(((q == lower) | (q == upper)).any())
     for _ in range(rule.steps):
-        if square < rule.solved or slow_steps == rule.patience:
+        if square < rule.solved or slow_steps == rule.patience or square > rule.stalled * square_before:
             break
         gradient = e @ J
         if at_a_limit:
@@ -159,8 +156,5 @@ def descend(
         at_a_limit = at_a_limit or free.tobytes() != q_next.tobytes()
         damping = max(LEAST_DAMPING, 0.2 * damping)
         slow_steps = slow_steps + 1 if square_next > SLOW * square else 0
-        at_its_end = square_next > rule.stalled * square
-        q, square, e, J = q_next, square_next, e_next, J_next
-        if at_its_end:
-            break
+        q, square, square_before, e, J = q_next, square_next, square, e_next, J_next
     return q, square

@@ -103,8 +103,7 @@ def solve_partial(arm: ArmModel, goal: pin.SE3, q_seeds: Array) -> list[PartialP
 
 def refine_partial(arm: ArmModel, goal: pin.SE3, q_seed: Array) -> PartialPose:
     """Descend from a seed (k,) to a solution by the rule."""
-    fine = _Residual(arm, goal, _FINE)
-    q, _ = descend(fine, arm.limits, q_seed, _FINE_RULE)
+    q, _ = descend(_Residual(arm, goal, _FINE), arm.limits, q_seed, _FINE_RULE)
     return measure(arm, goal, nearest_position(arm, goal, q))
 
 
@@ -116,8 +115,7 @@ def nearest_position(arm: ArmModel, goal: pin.SE3, q_seed: Array) -> Array:
         p, _, J = arm.tool_with_jacobian(q)
         return p - p_goal, J[:3]
 
-    q, _ = descend(residual, arm.limits, q_seed, StopRule(solved=EXACT**2))
-    return q
+    return descend(residual, arm.limits, q_seed, StopRule(solved=EXACT**2))[0]
 
 
 def measure(arm: ArmModel, goal: pin.SE3, q: Array) -> PartialPose:
