@@ -82,8 +82,7 @@ class _Search(Mending):
         while True:
             path = self.ladder.search(self.is_free, self.cost, self.wide_costs)
             if isinstance(path, Barred):
-                refused = self._mend_all(path)
-                if refused is None:
+                if (refused := self._mend_all(path)) is None:
                     continue
                 if self.before_trial is not None:
                     self._restore()
