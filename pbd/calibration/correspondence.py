@@ -1,7 +1,6 @@
 """Match stops to touched points, if a demonstration has more stops than points or the order is unknown."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from itertools import combinations, permutations
 from typing import NamedTuple
 
@@ -29,8 +28,7 @@ class _Touched(NamedTuple):
     free: bool
 
 
-@dataclass(frozen=True, eq=False)
-class _Match:
+class _Match(NamedTuple):
     """The stop that touched each point, the pose of nav that fits best, and the cost: a sum of squared sigmas."""
 
     cost: float
