@@ -124,8 +124,8 @@ def _sigmas(jacobian: Array, residuals: Array, place: NDArray[np.intp]) -> Array
     for k in range(place.max() + 1):
         own, off = jacobian[place == k], scaled[place == k]
         moved.append(np.linalg.lstsq(normal - own.T @ own, own.T @ off)[0])
-    jackknife = np.sqrt(np.square(moved).sum(axis=0))
-    return np.asarray(np.maximum(np.linalg.norm(np.linalg.pinv(jacobian), axis=1), jackknife))
+    curvature = np.linalg.norm(np.linalg.pinv(jacobian), axis=1)
+    return np.asarray(np.maximum(curvature, np.sqrt(np.square(moved).sum(axis=0))))
 
 
 def fit_magnetometer(mag: Array, rests: Rests, up_sensor: Array, up_sigma: float = 0.0) -> MagnetometerFit:

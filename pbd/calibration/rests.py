@@ -99,8 +99,8 @@ def find_rests(recording: Recording) -> Rests:
     for name, values in recording.channels.items():
         mean[name] = np.array([values[a:b].mean(axis=0) for a, b in spans])
         noise[name] = float(np.sqrt(np.mean([values[a:b].var(axis=0).mean() for a, b in spans])))
-    means = mean["acc"], mean.get("gyr"), mean.get("mag")
-    return Rests(start, stop, *means, noise["acc"], noise["gyr"], noise["mag"], turning)
+    acc, gyr, mag = mean["acc"], mean.get("gyr"), mean.get("mag")
+    return Rests(start, stop, acc, gyr, mag, noise["acc"], noise["gyr"], noise["mag"], turning)
 
 
 def rms(values: Array) -> float:
