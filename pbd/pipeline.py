@@ -11,7 +11,7 @@ from pbd.errors import RecordingError, TrackingError, collected_warnings, listed
 from pbd.fusion.fuse import fused_path
 from pbd.lapack import one_blas_thread
 from pbd.pose import quat_inverse, quat_log, quat_multiply
-from pbd.track_alone import track_alone
+from pbd.track_recording import track_recording
 from pbd.tracking.apply_constraints import apply_constraints
 from pbd.tracking.smoother.attitude import mean_quaternion
 
@@ -101,7 +101,7 @@ def track(
         path = fused_path(demo, method, calibration, accept_gap)
         demo = replace(demo, places=(*demo.places, *(path.fusion.places if path.fusion else ())))
     else:
-        path = track_alone(demo, method, calibration, accept_gap)[0]
+        path = track_recording(demo, method, calibration, accept_gap)[0]
     _refuse_turned_dock(demo, path, method)
     _warn_of_edited_times(demo, path)
     if method == "paper":

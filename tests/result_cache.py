@@ -13,8 +13,8 @@ import numpy as np
 from pbd.data import Robot
 
 FUNCTIONS = (
-    ("pbd.pipeline", "track_alone"),
-    ("pbd.fusion.takes", "track_alone"),
+    ("pbd.pipeline", "track_recording"),
+    ("pbd.fusion.takes", "track_recording"),
     ("pbd.planning.plan", "plan_keyframes"),
     ("pbd.planning.plan", "_works"),
 )

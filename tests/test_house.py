@@ -14,7 +14,7 @@ RUNGS = (
     ("errors", "lazy"),
     ("frozen_arrays", "pose", "data", "cache", "io", "lapack", "timestamps"),
     ("sensors", "simulation", "tracking", "calibration", "arm", "audit", "files", "view"),
-    ("pipeline", "track_alone", "fusion", "planning", "plots", "record", "replay", "check_demos", "driving"),
+    ("pipeline", "track_recording", "fusion", "planning", "plots", "record", "replay", "check_demos", "driving"),
     ("cli", "__main__"),
 )
 """A file imports only from lower rungs, from its own folder and, except in the third rung, from its own rung."""

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from pbd import pipeline, track_alone
+from pbd import pipeline, track_recording
 from pbd.data import Recording
 from pbd.lapack import lapack, one_blas_thread
 
@@ -27,7 +27,7 @@ def test_tracking_takes_one_thread(monkeypatch: pytest.MonkeyPatch) -> None:
     def seen(_: Recording) -> None:
         raise RuntimeError(f"threads: {blas_threads()}")
 
-    monkeypatch.setattr(track_alone, "repair_recording", seen)
+    monkeypatch.setattr(track_recording, "repair_recording", seen)
     still = Recording(np.arange(9.0), np.ones((9, 3)), None)
     with threadpool_limits(3):
         with pytest.raises(RuntimeError, match=r"threads: \{1\}"):

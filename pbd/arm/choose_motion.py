@@ -18,8 +18,8 @@ from pbd.arm.ik.cartesian import line
 from pbd.arm.ladder_building import add_turns, build_ladder, joints_to_unwind, widen
 from pbd.arm.ladder_checks import CAN_DETOUR, WIDE_COST
 from pbd.arm.ladder_graph import Barred, Ladder
-from pbd.arm.ladder_links import Link, MoveState, ends_key, remedies_of
 from pbd.arm.ladder_mending import Mending
+from pbd.arm.ladder_state import Link, MoveState, ends_key, remedies_of
 from pbd.arm.model import ArmModel
 from pbd.arm.motion_request import DEMO, LINE, STRAIGHT, Motion, MotionRequest
 from pbd.arm.refusal import (

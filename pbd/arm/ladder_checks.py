@@ -14,7 +14,7 @@ from pbd.arm.ik.cartesian import follow, line, refine
 from pbd.arm.ik.partial_pose import is_partial
 from pbd.arm.ladder_building import turn_variants, widen
 from pbd.arm.ladder_graph import Ladder, joint_travel
-from pbd.arm.ladder_links import Link, MoveState, ends_key, remedies_of
+from pbd.arm.ladder_state import Link, MoveState, ends_key, remedies_of
 from pbd.arm.model import ArmModel
 from pbd.arm.motion_request import STRAIGHT, MotionRequest
 from pbd.arm.tool_deviation import tool_deviations

@@ -5,7 +5,7 @@ from itertools import pairwise
 from pbd.arm.ik.cartesian import line
 from pbd.arm.ladder_building import CONTINUOUS_RAD, MEND_AFTER_STEPS, STARTS, layers_along, widen
 from pbd.arm.ladder_checks import LinkChecks
-from pbd.arm.ladder_links import Link
+from pbd.arm.ladder_state import Link
 from pbd.arm.motion_request import DEMO, LINE, STRAIGHT
 from pbd.pose import Pose
 

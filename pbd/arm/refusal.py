@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from pbd.arm.collision.clearance import CLOSE_M, MARGIN_M
 from pbd.arm.collision.scene import Hit
-from pbd.arm.ladder_links import MoveState
+from pbd.arm.ladder_state import MoveState
 from pbd.arm.motion_request import DEMO, DETOUR, LINE, STRAIGHT, Motion
 from pbd.data.world import TABLE
 from pbd.errors import PlanError, amount, warn

@@ -19,7 +19,7 @@ from pbd.files.calibration import load_calibration
 from pbd.files.demo import demo_folder, load_demo, newest_demo, write_demo
 from pbd.files.find_by_name import bundled, names
 from pbd.files.keyframes import KEYFRAMES_FILE, write_keyframes
-from pbd.files.why_set_aside import is_set_aside
+from pbd.files.set_aside_demos import is_set_aside
 from pbd.io.atomic import atomic_file, is_file, refuse_file
 from pbd.io.made_by_pbd import refuse_others_file
 from pbd.io.read_file import read_text

@@ -9,7 +9,7 @@ from pbd.data import Demonstration
 from pbd.errors import RecordingError, warn
 from pbd.files.demo import UNDATED, load_demo, newest_demo
 from pbd.files.find_by_name import names
-from pbd.files.why_set_aside import is_set_aside
+from pbd.files.set_aside_demos import is_set_aside
 from pbd.io.toml import instant_of
 from pbd.view.terminal_tables import make_table
 

@@ -18,8 +18,8 @@ from pbd.errors import RecordingError, UsageError
 from pbd.files.calibration import read_shape
 from pbd.files.find_by_name import find
 from pbd.files.keyframes import KEYFRAMES_FILE, read_keyframes, read_touch_ups
+from pbd.files.set_aside_demos import is_set_aside, why_kept
 from pbd.files.table import Table, open_sheet, write_table
-from pbd.files.why_set_aside import is_set_aside, why_kept
 from pbd.io.atomic import atomic_folder, is_file, is_folder, may_write, refuse_folder, refuse_name
 from pbd.io.toml import FORMAT, Section, instant_of, read_toml
 from pbd.pose import Array

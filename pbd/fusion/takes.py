@@ -11,7 +11,7 @@ from pbd.fusion.joint_estimate import Observations, TaskState
 from pbd.fusion.marginals import DEVICE_ERRORS, Marginal, marginal_of
 from pbd.fusion.matching import Alignment, Keyframes
 from pbd.fusion.moved_things import MovedKeyframes
-from pbd.track_alone import track_alone
+from pbd.track_recording import track_recording
 from pbd.tracking.keyframes import find_keyframes
 from pbd.tracking.smoother.smooth import Solution
 
@@ -54,7 +54,7 @@ def tracked_take(demo: Demonstration, calibration: Calibration | None, accept_ga
     """Track a take alone; its name is put before warnings and errors."""
     name = demo.recording.info.name
     with collected_warnings() as warnings, errors_about(name):
-        path, found = track_alone(demo, "default", calibration, accept_gap)
+        path, found = track_recording(demo, "default", calibration, accept_gap)
         keyframes = find_keyframes(path)
     for line in warnings:
         warn(f"{name}: {line}")

@@ -18,7 +18,7 @@ from pbd.planning.preconditions import (
     warn_of_table,
 )
 from pbd.planning.task import PlanningTask
-from pbd.planning.undo_advice import undo_advice
+from pbd.planning.undo_corrections_advice import undo_advice
 from pbd.pose import Array, Pose
 
 if TYPE_CHECKING:

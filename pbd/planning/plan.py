@@ -22,7 +22,7 @@ from pbd.planning.preconditions import warn_of_wide_moves
 from pbd.planning.result import Plan, find_stretched, find_touching
 from pbd.planning.task import PlanningTask
 from pbd.planning.torque import check_payload, check_torque
-from pbd.planning.undo_advice import undo_advice
+from pbd.planning.undo_corrections_advice import undo_advice
 from pbd.pose import Array
 from pbd.tracking.keyframes import keyframes_of
 

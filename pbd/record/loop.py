@@ -6,7 +6,7 @@ from contextlib import closing, suppress
 from dataclasses import replace
 
 from pbd.errors import PbdError, SensorError
-from pbd.record.link import Link
+from pbd.record.sensor_connection import SensorConnection
 from pbd.record.session import Session
 from pbd.record.session_types import ENDED_BY, Command, Outcome, RecordOptions, Status
 from pbd.sensors.decoding import Decoder
@@ -77,24 +77,24 @@ def record(
 
 
 def _run(session: Session, reader: Reader, poll: Poll, show: Callable[[Status], None], every_s: float) -> str:
-    options, link, shown = session.options, Link(session, reader), 0.0
+    options, connection, shown = session.options, SensorConnection(session, reader), 0.0
     while True:
         pieces, ended = reader.take()
-        if why := link.why_over(pieces[0][1] if pieces else time.monotonic()):
+        if why := connection.why_over(pieces[0][1] if pieces else time.monotonic()):
             return why
-        link.check(pieces)
+        connection.check(pieces)
         for data, arrival in pieces:
             session.take(data, arrival)
-        if session.demo is None and link.may_begin(ended):
+        if session.demo is None and connection.may_begin(ended):
             session.begin()
         session.flush()
-        if why := link.why_undecodable():
+        if why := connection.why_undecodable():
             return why
-        if why := link.why_lost(bool(pieces), ended):
+        if why := connection.why_lost(bool(pieces), ended):
             if not options.reconnect:
                 return why
-            link.close(why)
-            command = _wait_for_port(session, link, poll, show)
+            connection.close(why)
+            command = _wait_for_port(session, connection, poll, show)
         else:
             command = poll()
         if command is Command.DISCARD:
@@ -105,14 +105,16 @@ def _run(session: Session, reader: Reader, poll: Poll, show: Callable[[Status], 
             session.toggle_grip()
         if options.duration_s is not None and session.t >= options.duration_s:
             return f"{options.duration_s:g} s recorded"
-        if link.now - shown >= every_s and session.demo is not None:
+        if connection.now - shown >= every_s and session.demo is not None:
             show(session.status())
-            shown = link.now
+            shown = connection.now
 
 
-def _wait_for_port(session: Session, link: Link, poll: Poll, show: Callable[[Status], None]) -> Command | None:
-    while not (link.why_over(time.monotonic()) or link.reopen()):
-        show(replace(session.status(), waiting=f"waiting for {link.device}"))
+def _wait_for_port(
+    session: Session, connection: SensorConnection, poll: Poll, show: Callable[[Status], None]
+) -> Command | None:
+    while not (connection.why_over(time.monotonic()) or connection.reopen()):
+        show(replace(session.status(), waiting=f"waiting for {connection.device}"))
         command = poll()
         if command in ENDED_BY:
             return command

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from pbd.errors import RecordingError, in_words
 from pbd.files.demo import refuse_demo_folder
-from pbd.files.why_set_aside import why_kept
+from pbd.files.set_aside_demos import why_kept
 from pbd.io.atomic import name_aside, remove_folder
 
 

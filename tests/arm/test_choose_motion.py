@@ -18,7 +18,7 @@ from pbd.arm.ik.cartesian import line
 from pbd.arm.ladder_building import build_ladder
 from pbd.arm.ladder_checks import APPROACH_M
 from pbd.arm.ladder_graph import Barred, Ladder, joint_travel
-from pbd.arm.ladder_links import MoveState
+from pbd.arm.ladder_state import MoveState
 from pbd.arm.model import load_model
 from pbd.arm.motion_request import DEMO, DETOUR, LINE, STRAIGHT, Motion, MotionRequest
 from pbd.arm.refusal import CANNOT_FOLLOW, COLLISION, UNREACHABLE, Refusal, refuse_move

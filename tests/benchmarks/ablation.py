@@ -30,7 +30,7 @@ sys.path.insert(0, str(Path(__file__).parents[2]))
 
 import numpy as np
 
-from pbd import track_alone
+from pbd import track_recording
 from pbd.cli.console import print_json
 from pbd.data import Demonstration, Recording, SensorErrors
 from pbd.errors import PbdError, PbdWarning
@@ -111,7 +111,7 @@ def of_noise(**values: float) -> tuple[Change, ...]:
         sensor = replace(found.sensor, **{name: value for name, value in values.items() if name in of_class})
         return replace(found, sensor=sensor, **{name: v for name, v in values.items() if name not in of_class})
 
-    return (track_alone, "noise_of", changed), (windows, "noise_of", changed)
+    return (track_recording, "noise_of", changed), (windows, "noise_of", changed)
 
 
 TINY, LARGE = 1e-6, 1e6

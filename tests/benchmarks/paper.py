@@ -21,7 +21,7 @@ from pbd.errors import PbdWarning
 from pbd.pipeline import track
 from pbd.pose import Array, Pose
 from pbd.simulation.simulate import simulate
-from pbd.track_alone import METHODS
+from pbd.track_recording import METHODS
 from pbd.tracking.keyframes import find_keyframes
 from tests.benchmarks.report import arguments, finish
 

@@ -18,7 +18,7 @@ sys.path.insert(0, str(Path(__file__).parents[2]))
 
 import numpy as np
 
-from pbd import track_alone
+from pbd import track_recording
 from pbd.cli.console import print_json
 from pbd.data import Recording, Stop
 from pbd.tracking import estimate, first_rest, residual_tests
@@ -57,22 +57,22 @@ WITHOUT: dict[str, tuple[Change, ...]] = {
     "blocks in order": ((repair_recording, "in_order", as_it_is),),
     "blocks doubled": ((repair_recording, "refuse_doubled", nothing),),
     "freezes": ((repair_recording, "frozen_rows", lambda recording, _: np.zeros(len(recording), dtype=bool)),),
-    "gaps refused": ((track_alone, "refuse_gaps", nothing),),
+    "gaps refused": ((track_recording, "refuse_gaps", nothing),),
     "rest beside a gap": ((gaps, "is_in_rest", in_a_stop),),
     "signs by the device": ((gyro_consistency, "refuse_flipped_signs", nothing),),
     "axes and unit of the gyro": ((gyro_consistency, "find_axis_error", nothing),),
     "unit of the accelerometer": ((first_rest, "_refuse_wrong_units", nothing),),
-    "clipped peaks": ((track_alone, "find_clips", lambda _: ()),),
-    "doubt of clipped peaks": ((track_alone, "declip", lambda *clipped: (declip(*clipped)[0], ())),),
+    "clipped peaks": ((track_recording, "find_clips", lambda _: ()),),
+    "doubt of clipped peaks": ((track_recording, "declip", lambda *clipped: (declip(*clipped)[0], ())),),
     "gravity at rest widens priors": tuple(
         (module, "acc_sigma_factor", lambda *_: 1.0) for module in (factors, estimate)
     ),
-    "rest that is no stop": ((track_alone, "refuse_doubted_rest", nothing),),
+    "rest that is no stop": ((track_recording, "refuse_doubted_rest", nothing),),
     "what is no stop, left out": ((smooth, "stop_weights", lambda problem, _: np.ones(len(problem.stops))),),
     "a large lag": ((large_errors, "REMOVED_LAG", LARGE),),
     "a common scale": ((smooth, "WIDE_SCALE_SIGMA", TINY),),
-    "upside down": ((track_alone, "warn_upside_down", nothing),),
-    "open ends": ((track_alone, "_warn_of_open_ends", nothing),),
+    "upside down": ((track_recording, "warn_upside_down", nothing),),
+    "open ends": ((track_recording, "_warn_of_open_ends", nothing),),
     "alarm: sensor": ((residual_tests, "_sensor_alarms", no_line),),
     "alarm: moves": ((residual_tests, "_move_alarms", no_line),),
     "alarm: stops": ((residual_tests, "_stop_alarms", no_line),),

@@ -21,7 +21,7 @@ from pbd.errors import PbdWarning, RecordingError
 from pbd.files import demo as demo_file
 from pbd.files.demo import demo_folder, load_demo, newest_demo, read_demo, shell_word, write_demo
 from pbd.files.find_by_name import bundled
-from pbd.files.why_set_aside import why_kept
+from pbd.files.set_aside_demos import why_kept
 from pbd.io.atomic import atomic_folder
 from pbd.pose import Array, quat_exp
 from pbd.simulation.calibration_tasks import CALIBRATION_TASKS

@@ -12,7 +12,7 @@ import pytest
 from pbd.data import Recording
 from pbd.errors import PbdError
 from pbd.files.demo import read_demo, write_demo
-from pbd.record import Command, RecordOptions, Status, link, record
+from pbd.record import Command, RecordOptions, Status, record, sensor_connection
 from pbd.record.session import Session
 from pbd.sensors.decoding import Decoder, Sample
 from pbd.sensors.port import Port, open_port
@@ -89,7 +89,7 @@ def test_a_full_disk_at_a_grip_tells_where_the_old_one_is(
 
 def test_what_came_before_a_silence_is_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A tenth of a second of it: too short to have begun."""
-    monkeypatch.setattr(link, "SILENT_S", 0.8)
+    monkeypatch.setattr(sensor_connection, "SILENT_S", 0.8)
     hand, speaker = random_hand(60, seed=1), SPEAKERS["xsens"]
     with Device([speaker.encode(hand, row) for row in range(10)], 100.0) as device:
         wanted = RecordOptions(tmp_path / "tea", "xsens", "2026-01-02T03:04:05Z")
@@ -100,7 +100,7 @@ def test_what_came_before_a_silence_is_kept(tmp_path: Path, monkeypatch: pytest.
 
 def test_bytes_that_are_no_samples_any_more_end_the_recording(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """They went on for ever, as of a sensor whose baud rate changed, and nobody was told."""
-    monkeypatch.setattr(link, "SILENT_S", 0.8)
+    monkeypatch.setattr(sensor_connection, "SILENT_S", 0.8)
     hand, speaker = random_hand(100, seed=1), SPEAKERS["xsens"]
     packets = [speaker.encode(hand, row) for row in range(100)]
     with Device([*packets, *[b"\xf0\x0f"] * 1000], 100.0) as device:
@@ -157,9 +157,9 @@ def test_a_sensor_that_sends_faster_than_the_machine_takes_is_recorded(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """20 kHz: a tenth of a second of samples takes longer than patience lasts."""
-    monkeypatch.setattr(link, "SILENT_S", 0.8)
-    monkeypatch.setattr(link, "MAX_BACKLOG_S", 0.25)
-    monkeypatch.setattr(link, "SUSPENDED_S", 60.0)  # the decoder sleeps instead of working
+    monkeypatch.setattr(sensor_connection, "SILENT_S", 0.8)
+    monkeypatch.setattr(sensor_connection, "MAX_BACKLOG_S", 0.25)
+    monkeypatch.setattr(sensor_connection, "SUSPENDED_S", 60.0)  # the decoder sleeps instead of working
     hand, speaker = random_hand(400, seed=1, rate_hz=20_000.0), SPEAKERS["xsens"]
     with Device([b"".join(speaker.encode(hand, row) for row in range(400))], 100.0, again=True) as device:
         person = Watched()

@@ -15,7 +15,7 @@ import pytest
 from pbd.data import Recording
 from pbd.errors import SensorError
 from pbd.files.demo import read_demo
-from pbd.record import Command, Outcome, RecordOptions, Status, link, record
+from pbd.record import Command, Outcome, RecordOptions, Status, record, sensor_connection
 from pbd.record.redecode import decode_raw
 from pbd.sensors.decoding import Sample
 from pbd.sensors.phyphox import phone as phone_port
@@ -173,7 +173,7 @@ def test_reconnecting_goes_on_with_the_first_sample_not_yet_read(
 ) -> None:
     """It is told once that the phone is silent, though it is waited for first, and given up then."""
     monkeypatch.setattr(phone_port, "PATIENCE_S", 1.0)
-    monkeypatch.setattr(link, "SILENT_S", 0.6)
+    monkeypatch.setattr(sensor_connection, "SILENT_S", 0.6)
     later(phone, (0.5, lambda: setattr(phone, "offline", True)), (2.1, lambda: setattr(phone, "offline", False)))
     outcome, said = recorded(phone, tmp_path / "tea", reconnect=True, duration_s=2.6)
     assert outcome.lost == 0
@@ -315,7 +315,7 @@ def test_a_paused_phone_and_another_experiment_are_told_while_it_waits(
         time.sleep(1.3)
         phone.start()
 
-    monkeypatch.setattr(link, "SILENT_S", 0.6)
+    monkeypatch.setattr(sensor_connection, "SILENT_S", 0.6)
     other = b'{"buffer": {"x": {"buffer": [1]}}, "status": {"measuring": true}}'
     acts = (
         (0.6, lambda: setattr(phone, "body", other)),
@@ -334,7 +334,7 @@ def test_a_paused_phone_and_another_experiment_are_told_while_it_waits(
 
 
 def test_a_phone_that_never_sends_is_told(tmp_path: Path, phone: Phone, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(link, "SILENT_S", 0.4)
+    monkeypatch.setattr(sensor_connection, "SILENT_S", 0.4)
     answer = phone.answer
     empty: dict[str, Any] = {name: {"buffer": []} for names in BUFFERS.values() for name in names}
     still = json.dumps({"buffer": empty, "status": {"measuring": False}}).encode()

@@ -18,7 +18,7 @@ import pytest
 from pbd.data import Recording
 from pbd.errors import RecordingError, SensorError
 from pbd.files.demo import read_demo, write_demo
-from pbd.record import Command, RecordOptions, Status, link, record
+from pbd.record import Command, RecordOptions, Status, record, sensor_connection
 from pbd.record.session import Session
 from pbd.sensors.port import Port, open_port
 from pbd.sensors.protocols import protocol
@@ -205,7 +205,7 @@ def test_a_sensor_that_comes_back_is_waited_for(tmp_path: Path, pouring: Recordi
 @pytest.fixture
 def silent(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[int, str]]:
     """A pseudo-terminal whose other end is ours; little patience."""
-    monkeypatch.setattr(link, "SILENT_S", 0.2)
+    monkeypatch.setattr(sensor_connection, "SILENT_S", 0.2)
     master, slave = os.openpty()
     tty.setraw(slave)
     yield master, os.ttyname(slave)
@@ -345,7 +345,7 @@ def test_a_sensor_that_stays_away_ends_the_recording_and_meanwhile_is_not_said_t
     tmp_path: Path, pouring: Recording, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """After a longer gap nothing could be tracked, and the page said "moving" for as long as it lasted."""
-    monkeypatch.setattr(link, "CLOCK_JUMP_S", 0.5)
+    monkeypatch.setattr(sensor_connection, "CLOCK_JUMP_S", 0.5)
     person = Watched()
     with Emulator(pouring) as sensor:
         threading.Timer(0.6, sensor.unplug).start()

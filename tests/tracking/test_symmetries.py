@@ -159,7 +159,7 @@ def test_a_recording_played_backwards_shows_the_moves_backwards(monkeypatch: pyt
         noise = noise_of(recording, rest, errors)
         return replace(noise, lag=-noise.lag)  # what lagged runs ahead
 
-    monkeypatch.setattr("pbd.track_alone.noise_of", ahead)
+    monkeypatch.setattr("pbd.track_recording.noise_of", ahead)
     other = track(backwards)
     places, back = (np.array([x.p_nav_sensor[middle(stop)] for stop in x.stops]) for x in (path, other))
     sigma_m = max(float(np.sqrt(keyframe.cov[:3, :3].diagonal().max())) for keyframe in find_keyframes(path))

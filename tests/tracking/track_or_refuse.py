@@ -6,7 +6,7 @@ import pytest
 from pbd.data import HandPath, Recording
 from pbd.errors import PbdError
 from pbd.pipeline import track
-from pbd.track_alone import METHODS
+from pbd.track_recording import METHODS
 
 every_method = pytest.mark.parametrize("method", METHODS)
 quietly = pytest.mark.filterwarnings("ignore::pbd.errors.PbdWarning")

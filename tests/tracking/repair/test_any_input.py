@@ -11,7 +11,7 @@ from hypothesis.extra.numpy import arrays
 from pbd.data import Recording
 from pbd.pose import Array
 from pbd.simulation.simulate import random_task
-from pbd.track_alone import METHODS
+from pbd.track_recording import METHODS
 from tests.scenarios import simulate, with_channel, with_rows
 from tests.tracking.track_or_refuse import every_method, path_or_none, quietly
 

@@ -58,7 +58,7 @@ def flat(demo: Demonstration, monkeypatch: pytest.MonkeyPatch) -> float:
     """The largest error if clipped samples are used as they are, m."""
     with monkeypatch.context() as patched, warnings.catch_warnings():
         warnings.simplefilter("ignore", PbdWarning)  # the field seems to turn, as the attitude is wrong
-        patched.setattr("pbd.track_alone.find_clips", lambda recording: ())
+        patched.setattr("pbd.track_recording.find_clips", lambda recording: ())
         try:
             return errors_in_m_and_sigma(demo)[0]
         except TrackingError:

@@ -24,7 +24,7 @@ METHODS = ("default", "paper")
 """Names of the tracking methods: pbd's own, and the paper's."""
 
 
-def track_alone(
+def track_recording(
     demo: Demonstration, method: str, calibration: Calibration | None, accept_gap: bool
 ) -> tuple[HandPath, Estimate]:
     """Track the recording without known places; return the path and the estimate that it was made from."""

@@ -20,7 +20,7 @@ MAX_BACKLOG_S = 2.0
 them."""
 
 
-class Link:
+class SensorConnection:
     """Watches the port that a session is recorded from, and warns the person of what happens to it.
 
     A suspended program (Ctrl-Z, a sleeping machine) hears nothing either, so its silence is not the sensor's fault.
