@@ -6,6 +6,7 @@ colours are used, and a small file can describe a scene without end, so its size
 
 import hashlib
 import io
+import json
 import logging
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -26,10 +27,10 @@ from pbd.pose import Array
 MESH_SUFFIXES = (".dae", ".stl", ".obj", ".ply", ".glb")
 
 MOST_TRIANGLES = 4_000_000
-"""Largest number of triangles of a mesh. A small DAE file can repeat one geometry any number of times."""
+"""Largest number of triangles of a mesh. A small DAE or GLB file can repeat one geometry any number of times."""
 
 MOST_NODES = 20_000
-"""Largest number of nodes of a DAE scene; a node that is shown n times counts n times."""
+"""Largest number of nodes of a DAE or GLB scene; a node that is shown n times counts n times."""
 
 LARGEST_COORDINATE = 1e6
 """Largest coordinate of a mesh, in the file's unit: a kilometre in mm."""
@@ -127,12 +128,29 @@ def _trimesh(data: bytes, kind: str) -> Iterator[tuple[Array, Array]]:
 
     logging.getLogger("trimesh").addHandler(logging.NullHandler())  # else trimesh prints tracebacks of handled errors
     # A scene applies the poses of a GLB's parts. From bytes, trimesh can't open other files.
+    if kind == ".glb":
+        _refuse_swelling(json.loads(data[20 : 20 + int.from_bytes(data[12:16], "little")]))
     scene = trimesh.load_scene(io.BytesIO(data), file_type=kind[1:], process=False)
+    shown = [scene.geometry[scene.graph[node][1]] for node in scene.graph.nodes_geometry]
+    _refuse_many(len(shown), sum(len(getattr(mesh, "faces", ())) for mesh in shown))
     for mesh in scene.dump():
         corners = np.asarray(getattr(mesh, "triangles", np.empty((0, 3, 3))), dtype=np.float64)
         if corners.shape[1:] != (3, 3):
             raise ValueError("a vertex has not three coordinates")
         yield corners, np.full((len(corners), 3), np.nan)
+
+
+def _refuse_swelling(glb: Any) -> None:
+    """Refuse a GLB whose parts take more memory than its bytes do: they may share values, or have none in the file."""
+    parts = [part for mesh in glb.get("meshes", ()) for part in mesh["primitives"]]
+    used = [at for part in parts for at in (*part["attributes"].values(), part.get("indices")) if at is not None]
+    _refuse_many(len(parts), sum(glb["accessors"][at]["count"] for at in used) // 3)
+
+
+def _refuse_many(nodes: int, triangles: int) -> None:
+    for count, most, what in ((nodes, MOST_NODES, "nodes"), (triangles, MOST_TRIANGLES, "triangles")):
+        if count > most:
+            raise ValueError(f"more than {most} {what}")
 
 
 def _collada(data: bytes) -> Iterator[tuple[Array, Array]]:
@@ -149,8 +167,7 @@ def _collada(data: bytes) -> Iterator[tuple[Array, Array]]:
         document = collada.Collada(io.BytesIO(data))
     except collada.common.DaeBrokenRefError:  # often of a camera, a light or a texture: read the geometry alone
         document = collada.Collada(io.BytesIO(_without_looks(data)))
-    if sum(node_count(node) for scene in document.scenes for node in scene.nodes) > MOST_NODES:
-        raise ValueError(f"more than {MOST_NODES} nodes")
+    _refuse_many(sum(node_count(node) for scene in document.scenes for node in scene.nodes), 0)
     unit = document.assetInfo.unitmeter
     count = 0
     for geometry in (each for scene in document.scenes for each in scene.objects("geometry")):
@@ -160,8 +177,7 @@ def _collada(data: bytes) -> Iterator[tuple[Array, Array]]:
             if not isinstance(triangles, collada.triangleset.BoundTriangleSet) or triangles.vertex is None:
                 continue  # lines are not drawn
             index = triangles.vertex_index[:, ::-1] if inside_out else triangles.vertex_index
-            if (count := count + len(index)) > MOST_TRIANGLES:
-                raise ValueError(f"more than {MOST_TRIANGLES} triangles")
+            _refuse_many(0, count := count + len(index))
             corners = np.asarray(triangles.vertex, dtype=np.float64)[index]
             yield (1.0 if unit is None else unit) * corners, np.tile(_diffuse(triangles.material), (len(index), 1))
 

@@ -1,10 +1,12 @@
 """Hand-made and invalid mesh files. tests/test_bundled_meshes.py tests the bundled ones."""
 
+import json
 import struct
 from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 
 from pbd.errors import RobotError
 from pbd.io import meshes
@@ -204,3 +206,25 @@ class TestCache:
         self.folder.write_text("a file where the folder should be")
         assert [self.area(), self.area()] == [1.0, 1.0]
         assert self.made == 2
+
+
+def test_a_glb_whose_values_are_not_in_the_file_is_refused(tmp_path: Path) -> None:
+    values = {"componentType": 5126, "count": 50_000_000, "type": "VEC3"}
+    glb = {"meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}], "accessors": [values]}
+    text = json.dumps(glb).encode()
+    path = tmp_path / "swelling.glb"
+    path.write_bytes(struct.pack("<4sIIII", b"glTF", 2, 20 + len(text), len(text), 0x4E4F534A) + text)
+    with pytest.raises(RobotError, match="more than 4000000 triangles"):
+        read_mesh(path)
+
+
+def test_a_mesh_that_a_glb_shows_too_often_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = trimesh.Scene()
+    for k in range(3):
+        scene.add_geometry(trimesh.creation.box(), geom_name="box", node_name=f"{k}")
+    path = tmp_path / "boxes.glb"
+    path.write_bytes(trimesh.exchange.gltf.export_glb(scene))  # type: ignore[no-untyped-call]
+    assert len(read_mesh(path).corners) == 36
+    monkeypatch.setattr(meshes, "MOST_TRIANGLES", 35)
+    with pytest.raises(RobotError, match="more than 35 triangles"):
+        read_mesh(path)
