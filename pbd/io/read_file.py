@@ -6,10 +6,20 @@ import stat
 from collections.abc import Sequence
 from pathlib import Path
 
-from pbd.errors import PbdError, in_words
+from pbd.errors import PbdError, RecordingError, amount, in_words
 
 MOST_DATA_BYTES = 1_000_000_000
 """Largest file of samples, bytes: ten hours of nine channels at 200 Hz as CSV."""
+
+MOST_COMPRESSION = 50
+"""Largest factor by which a recording may be compressed. A sensor's samples are by up to 5."""
+
+
+def refuse_bomb(path: Path, what: str, packed: int, unpacked: int) -> None:
+    """Refuse (RecordingError) to decompress `what`, of `packed` bytes, into far more bytes than samples need."""
+    if unpacked > min(MOST_DATA_BYTES, MOST_COMPRESSION * max(packed, 10_000)):
+        what = f"{what} of {amount(packed, 'byte')} decompresses to {unpacked / 1e6:.0f} MB, which is refused"
+        raise RecordingError.at(path, f"{what}; record it again", value=unpacked)
 
 
 def read_bytes(path: Path, error: type[PbdError], next_step: str, most: int = MOST_DATA_BYTES, name: str = "") -> bytes:

@@ -379,6 +379,9 @@ def test_a_truncated_zip_and_a_zip_bomb_are_refused(tmp_path: Path, monkeypatch:
         archive.writestr("TotalAcceleration.csv", b"0" * 1_000_000)
     with pytest.raises(RecordingError, match="has 1 MB, more than the 0 MB that are read"):
         read(half)
+    monkeypatch.undo()
+    with pytest.raises(RecordingError, match=r"in it of \d+ bytes decompresses to 1 MB, which is refused"):
+        read(half)
 
 
 def test_flipped_bytes_in_a_zip_never_give_other_numbers(tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ from typing import Any
 
 from pbd.errors import RecordingError, in_words, warn
 from pbd.io.atomic import is_file
-from pbd.io.read_file import MOST_DATA_BYTES, read_text
+from pbd.io.read_file import read_text, refuse_bomb
 
 MCAP_MAGIC = b"\x89MCAP0\r\n"
 MCAP_FOOTER = b"\x02" + struct.pack("<Q", 20) + bytes(20) + MCAP_MAGIC
@@ -83,9 +83,7 @@ def _complete_records(path: Path, data: mmap.mmap | bytes, at: int = len(MCAP_MA
         inside = at + 9 + CHUNK_HEAD.size + 8
         if kind == CHUNK and inside <= len(data):
             _, _, contents, _, compression = CHUNK_HEAD.unpack_from(data, at + 9)
-            if contents > min(MOST_DATA_BYTES, 50 * max(size, 10_000)):  # samples of a sensor compress by up to 5
-                what = f"a chunk of {size} bytes decompresses to {contents / 1e6:.0f} MB, which is refused"
-                raise RecordingError.at(path, f"{what}; record it again", value=contents)
+            refuse_bomb(path, "a chunk", size, contents)
             if at + 9 + size > len(data) and compression == 0:
                 inner, end = _complete_records(path, data, inside)
                 return [slice(begin, at), *inner], end

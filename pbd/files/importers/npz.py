@@ -13,7 +13,7 @@ from pbd.errors import RecordingError, in_words, listed, no_library_warnings, pr
 from pbd.files.importers.columns import remapped, with_source
 from pbd.files.importers.header_names import looks_inertial
 from pbd.files.importers.request import Request, check_rate
-from pbd.io.read_file import MOST_DATA_BYTES, read_bytes
+from pbd.io.read_file import read_bytes, refuse_bomb
 from pbd.pose import Array
 
 KEYS = ("rate_hz", "acc", "gyr", "mag", "true_position", "true_wxyz", "true_rate_hz")
@@ -75,17 +75,21 @@ def _arrays(path: Path) -> tuple[dict[str, NDArray[Any]], tuple[str, ...]]:
     data = read_bytes(path, RecordingError, NEXT_STEP)
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
-            sizes = {member.filename.removesuffix(".npy"): member.file_size for member in archive.infolist()}
-        known = [name for name in KEYS if name in sizes]
-        if sum(sizes[name] for name in known) > MOST_DATA_BYTES:
-            raise ValueError(f"its arrays take more than the {MOST_DATA_BYTES / 1e6:.0f} MB that are read")
+            members = {member.filename.removesuffix(".npy"): member for member in archive.infolist()}
+        known = [name for name in KEYS if name in members]
+        packed, unpacked = (
+            sum(getattr(members[name], size) for name in known) for size in ("compress_size", "file_size")
+        )
+        refuse_bomb(path, "its content", packed, unpacked)
         # numpy warns of files written by Python 2
         with no_library_warnings(), np.load(io.BytesIO(data), allow_pickle=False) as arrays:
             read = {name: np.asarray(arrays[name]) for name in known}  # of a file that is no npy its bytes
+    except RecordingError:
+        raise
     except Exception as reason:  # damaged bytes cause errors of zip, zlib, tokenize and numpy
         raise RecordingError.at(path, f"can't be read as an npz ({in_words(reason)}); {NEXT_STEP}") from None
     numbers = {name: array for name, array in read.items() if array.dtype.kind in "fiub"}
-    return numbers, tuple(name for name in sizes if name not in known)
+    return numbers, tuple(name for name in members if name not in known)
 
 
 def _truth(arrays: dict[str, Array], rate_hz: float) -> Truth | None:
