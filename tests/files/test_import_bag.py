@@ -198,6 +198,8 @@ def test_the_devices_own_attitude_is_read_in_batches(
             "DELETE FROM messages WHERE topic_id = 1",
             r"its /imu \(.*\) has no messages; record it again, or name another",
         ),
+        ("UPDATE messages SET timestamp = 'noon' WHERE id = 7", "can't be read as a bag .*; record it again"),
+        ("UPDATE messages SET data = hex(data) WHERE id = 7", "can't be read as a bag .*; record it again"),
     ],
 )
 def test_short_and_missing_messages_are_refused(tmp_path: Path, recording: Recording, change: str, says: str) -> None:

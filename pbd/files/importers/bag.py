@@ -91,13 +91,13 @@ def _read_topics(
             types = {each.topic: each.msgtype for each in reader.connections}
             for name, received, data in _messages(path, reader, wanted):
                 wanted[name].add(received, data)
+            read = {name: decoder.all() for name, decoder in wanted.items()}
     except PbdError:
         raise
     except Exception as reason:  # damaged bytes cause errors of sqlite, yaml and zstd
         do = "try `rosbag reindex`, or record it again" if kind is rosbag1 else "record it again"
         what = f"can't be read as a bag ({in_words(reason)}); {do}"
         raise RecordingError.at(path, what) from None
-    read = {name: decoder.all() for name, decoder in wanted.items()}
     if empty := next((name for name in imus if not len(read[name][0])), None):
         raise RecordingError.at(path, f"its {empty} ({IMU}) has no messages; record it again, or name another --topic")
     return imus, field, read, {name: f"another topic, of {of}" for name, of in types.items() if name not in wanted}
@@ -139,7 +139,8 @@ class _Decoder:
             frames = listed(sorted(frame.rstrip(b"\0").decode("utf-8", "replace") for frame in self._frames))
             what = f"its messages are of {len(self._frames)} devices (the frames {frames}); give each its own topic"
             raise RecordingError.at(self._path, what, value=len(self._frames))
-        received, ns, values = np.array(self._received), np.concatenate(self._ns), np.vstack(self._values)
+        received = np.array(self._received, dtype=np.int64)  # SQLite may hold words
+        ns, values = np.concatenate(self._ns), np.vstack(self._values)
         self._values.clear()  # as large as the bag
         if len(ns) > 1 and not np.ptp(ns) and np.ptp(received):
             warn(f"{self._path}: the headers' stamps are empty; the times at which the messages were recorded are used")
