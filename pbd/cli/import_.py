@@ -3,6 +3,7 @@
 import argparse
 from contextlib import suppress
 from dataclasses import replace
+from itertools import islice
 
 from pbd.cli.common import decoder_maker, refuse_columns, store_demonstration
 from pbd.cli.console import say, working
@@ -19,6 +20,9 @@ from pbd.record.session_types import FEWEST_STOPS
 from pbd.tracking.first_rest import find_rest
 from pbd.tracking.repair.repair_recording import repair_recording
 from pbd.tracking.taps import grip_by_taps
+
+MOST_PRINTED = 200
+"""Largest number of columns that aren't read that are printed: a few screens."""
 
 
 def run(args: argparse.Namespace) -> None:
@@ -108,4 +112,7 @@ def _print_columns(args: argparse.Namespace, source: SourceColumns) -> None:
         if len(files) > 1:
             unread = {name: why for name, why in unread.items() if why != WHY_UNUSED}
             unread[f"{len(files)} files"] = "not used; --json names them"
+        if len(unread) > MOST_PRINTED:
+            more = f"{len(unread) - MOST_PRINTED} more"
+            unread = {**dict(islice(unread.items(), MOST_PRINTED)), more: "not read; --json names them"}
         print_table(columns_table([column.row() for column in source.columns], unread))

@@ -19,6 +19,9 @@ FEWEST_CELLS = 4
 LONGEST_NAME = 1000
 """Largest number of characters of a column's name, so that patterns are matched fast. MATLAB's have up to 63."""
 
+MOST_COLUMNS = 16_384
+"""Largest number of columns, so that patterns are matched fast. It is a spreadsheet's (Excel)."""
+
 FIRST_ROWS = 20
 """Number of rows that are read to see whether the first column of a table without a header is the time."""
 
@@ -152,9 +155,11 @@ def with_line_below(header: Sequence[str], below: Sequence[str]) -> list[str]:
 def cells_of(line: str, delimiter: str) -> list[str]:
     """Split a line of a header into its cells. A quoted cell may contain the delimiter.
 
-    Axes that follow `Gyro: x` as bare `y` and `z` get its words. csv.Error: a cell is too long.
+    Axes that follow `Gyro: x` as bare `y` and `z` get its words. csv.Error: a cell is too long, or there are too many.
     """
     cells = next(csv.reader([line], delimiter=delimiter))
+    if len(cells) > MOST_COLUMNS:
+        raise csv.Error(f"{len(cells)} columns, more than the {MOST_COLUMNS} that are read")
     cells = [cell.strip().strip('"') for cell in (cells if len(cells) > 1 else line.split(delimiter))]
     if max(map(len, cells)) > LONGEST_NAME:
         raise csv.Error(f"a name of more than {LONGEST_NAME} characters")

@@ -60,6 +60,11 @@ def test_an_empty_cell_is_nan(tmp_path: Path) -> None:
             {"line": 1},
         ),
         (
+            f"{'a,' * 20_000}t\n0,1\n",
+            ":1: the header can't be read (20001 columns, more than the 16384 that are read); give a CSV file",
+            {"line": 1},
+        ),
+        (
             f"t,{'a' * 200_000}\n0,1\n",
             ":1: the header can't be read (field larger than field limit (131072)); give a CSV file",
             {"line": 1},

@@ -11,6 +11,7 @@ from functools import lru_cache
 
 from pbd.data.imu_columns import ATTITUDE
 from pbd.data.units import normalized_unit, unit_factor
+from pbd.files.header_line import MOST_COLUMNS
 
 _WORDS = {
     "g": r"(?P<before>.*_)?(?:gyr|gyro|gyroscope|gyro_?rotation|rotation_?rate|ang(?:ular)?_?(?:vel(?:ocity)?|rate))|"
@@ -109,7 +110,7 @@ def plain(name: str) -> str:
     return re.sub(r"_axis$", "", re.sub(r"[\s.,\-/:_%]+", "_", words.lower()).strip("_"))
 
 
-@lru_cache  # names recur in every printed line
+@lru_cache(maxsize=MOST_COLUMNS)  # names recur in every printed line
 def split_unit(name: str) -> tuple[str, str]:
     """Split off the unit, "" if there is none: `Gyroscope X (deg/s)` -> `Gyroscope X`, `deg/s`.
 

@@ -1,5 +1,7 @@
 """Rows of several devices in one table, which would be read as one sensor that jumps to and fro."""
 
+import csv
+import io
 import re
 from dataclasses import replace
 
@@ -50,8 +52,11 @@ def refuse_alternating_devices(sheet: Sheet, found: SourceColumns) -> None:
     top = replace(sheet, body=body)
     sensors = [[column.name for column in found.of(channel)] for channel in ("acc", "gyr") if found.of(channel)]
     table = top.read([name for names in sensors for name in names])
-    for name in filter(sheet.header.__contains__, found.unread):
-        devices, device, rows = np.unique(top.words(name), return_inverse=True, return_counts=True)
+    rows_of_cells = filter(None, csv.reader(io.StringIO(body), delimiter=sheet.delimiter))
+    cells = dict(zip(sheet.header, zip(*rows_of_cells, strict=False), strict=False))
+    for name in filter(cells.__contains__, found.unread):
+        words = [cell.strip() for cell in cells[name]]
+        devices, device, rows = np.unique(words, return_inverse=True, return_counts=True)
         few = not 1 < len(devices) <= MOST_DEVICES or rows.min() < 50  # half a second at 100 Hz tells nothing
         if few or len(device) != len(table.values):
             continue
