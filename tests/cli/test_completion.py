@@ -61,6 +61,16 @@ def test_commands_options_and_names(folder: Path, capsys: pytest.CaptureFixture[
     assert "modern" not in completed("pbd replay --path-tolerance ", folder, capsys)
 
 
+def test_a_name_is_never_run(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Bash expands the words that it completes, and a completed line is run as it stands."""
+    for name in ("$(touch ran)", "`touch ran`", "a;touch ran", "-rf"):
+        (folder / "demos" / name).mkdir()
+        (folder / "robots" / f"{name}.toml").touch()
+    assert "tea" in (demos := completed("pbd segments ", folder, capsys))
+    assert not any(set(word) & set("$`;") for word in demos | completed("pbd replay --robot ", folder, capsys))
+    assert not (folder / "ran").exists()
+
+
 @pytest.mark.parametrize("shell", SHELLS)
 def test_every_shell_gets_a_script(shell: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert "keyframes" in script(shell, capsys)

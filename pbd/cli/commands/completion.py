@@ -6,6 +6,9 @@ from typing import Any, NoReturn
 
 SHELLS = ("bash", "zsh", "fish", "tcsh")
 
+_PLAIN = "grep -x '[[:alnum:]_][[:alnum:]_.,+@-]*'"
+"""A command that passes on the names that mean nothing to a shell: bash would run a folder called `$(command)`."""
+
 
 class PrintCompletion(argparse.Action):
     """Prints the completion script of a shell, and exits."""
@@ -50,10 +53,10 @@ def _completed() -> dict[str | tuple[str, ...] | None, tuple[Sequence[str], str]
     from pbd.sensors.protocols import PROTOCOLS
     from pbd.simulation.simulate import CALIBRATION_TASKS, SENSOR_MODELS, TASKS
 
-    own = "ls {} 2>/dev/null | sed -n 's/[.]toml$//p'"
+    own = f"ls {{}} 2>/dev/null | sed -n 's/[.]toml$//p' | {_PLAIN}"
     calibrations = names("calibration", bundled("calibration")), own.format("calibration")
     return {
-        "DEMO": (names("demos", bundled("demos")), "ls demos 2>/dev/null"),
+        "DEMO": (names("demos", bundled("demos")), f"ls demos 2>/dev/null | {_PLAIN}"),
         "R": (names("robots", bundled("robots")), own.format("robots")),
         "C": calibrations,
         "CALIBRATION": calibrations,
