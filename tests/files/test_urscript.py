@@ -72,6 +72,15 @@ def test_dense_samples_are_the_motion(tmp_path: Path, rate_hz: float, path: str)
     assert np.abs(np.diff(q, axis=0)).max() <= 3.1416 / rate_hz * 1.001
 
 
+def test_names_stay_in_their_comments(tmp_path: Path) -> None:
+    plan, robot, source = planned("ur5")
+    code = "x\n  movej([0, 0, 0, 0, 0, 0])\x1b[8m"
+    labelled = replace(source, name=code, keyframes=[replace(each, label=code) for each in source.keyframes])
+    export(plan.trajectory, replace(robot, name=code), "urscript", tmp_path / "p.script", source=labelled)
+    lines = (tmp_path / "p.script").read_text().splitlines()
+    assert not any(line.startswith("  movej([0, 0") or "\x1b" in line for line in lines)
+
+
 def test_the_program_halts_if_the_arm_is_not_at_the_start(tmp_path: Path) -> None:
     plan, text = program(tmp_path / "p.script", "ur5")
     controller = Controller(plan.trajectory.q[0] + np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.03]))

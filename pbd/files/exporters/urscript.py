@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pbd.data import Robot, Samples
-from pbd.errors import PlanError
+from pbd.errors import PlanError, one_line
 from pbd.files.exporters import SERVOJ_HZ
 from pbd.files.exporters.controller_interpolation import set_point_samples
 from pbd.files.exporters.export_request import ExportRequest
@@ -91,13 +91,13 @@ def write(request: ExportRequest, points: Samples, path: Path) -> None:
     q = trajectory.at(np.zeros(1)).q[0]
     start, degrees = _numbers(q, 12 if request.dense else 6), _numbers(np.degrees(q), 1)
     stroke = _seconds(1.0 if gripper is None else gripper.stroke_s)
-    demo = " ".join(request.source.name.split())
-    filled = {"demo": demo, "robot": request.robot.name, "name": name, "stroke": stroke}
+    demo, robot = one_line(request.source.name), one_line(request.robot.name)
+    filled = {"demo": demo, "robot": robot, "name": name, "stroke": stroke}
     lines = [HEAD.format(**filled, start=start, degrees=degrees)]
     arrives = {round(float(t), 6): i for i, t in enumerate(trajectory.keyframe_t)}
     for phase in _phases(request):
         keyframe = arrives.get(round(phase.end, 6)) if phase.moves else None
-        label = "" if keyframe is None else " ".join(request.source.keyframes[keyframe].label.split())
+        label = "" if keyframe is None else one_line(request.source.keyframes[keyframe].label)
         comment = "" if keyframe is None else f"  # keyframe {keyframe}{label and ': '}{label}"
         if not phase.moves:
             lines += _stay(request, phase)
