@@ -48,11 +48,10 @@ def refuse_alternating_devices(sheet: Sheet, found: SourceColumns) -> None:
 
     It may have any name, as `side`. The readings then change less from row to row of one device than of the file.
     """
-    body = sheet.body if '"' in sheet.body or len(sheet.body) <= TOP else sheet.body[:TOP].rpartition("\n")[0]
-    top = replace(sheet, body=body)
+    top = replace(sheet, body=_first_rows(sheet.body))
     sensors = [[column.name for column in found.of(channel)] for channel in ("acc", "gyr") if found.of(channel)]
     table = top.read([name for names in sensors for name in names])
-    rows_of_cells = filter(None, csv.reader(io.StringIO(body), delimiter=sheet.delimiter))
+    rows_of_cells = filter(None, csv.reader(io.StringIO(top.body), delimiter=sheet.delimiter))
     cells = dict(zip(sheet.header, zip(*rows_of_cells, strict=False), strict=False))
     for name in filter(cells.__contains__, found.unread):
         words = [cell.strip() for cell in cells[name]]
@@ -66,6 +65,15 @@ def refuse_alternating_devices(sheet: Sheet, found: SourceColumns) -> None:
         alternate = any(_change(each[order], same) < SAME_DEVICE * _change(each) for each in readings)
         if alternate and 2 * len(devices) * rows.min() >= len(device):  # not a mark of some rows, as of faults
             raise _mixed(sheet, name, set(devices.tolist()))
+
+
+def _first_rows(body: str) -> str:
+    if len(body) <= TOP:
+        return body
+    rows = body[:TOP].rpartition("\n")[0]
+    while rows.count('"') % 2:  # it ends within a quoted cell
+        rows = rows.rpartition("\n")[0]
+    return rows or body
 
 
 def _change(values: Array, counted: NDArray[np.bool_] | slice = slice(None)) -> float:
