@@ -94,7 +94,7 @@ def _placeholder(scene: ReplayScene, rod: Rod, red: bool, nodes: Mapping[int, Vi
     node["rod"].set_transform(rod.T_tool_rod.matrix())
     for i, (size, p_tool) in enumerate(_gripper(scene)):
         node[str(i)].set_object(scene_object(shapes.box(size, rgb), 0.55))
-        node[str(i)].set_transform(Pose(np.array(p_tool), np.array([1.0, 0.0, 0.0, 0.0])).matrix())
+        node[str(i)].set_transform(Pose.from_rpy(p_tool, (0.0, 0.0, 0.0)).matrix())
 
 
 def _gripper(scene: ReplayScene) -> list[tuple[tuple[float, float, float], tuple[float, float, float]]]:

@@ -23,7 +23,7 @@ from pbd.arm.model import load_model
 from pbd.arm.motion_request import DEMO, DETOUR, LINE, STRAIGHT, Motion, MotionRequest
 from pbd.arm.refusal import CANNOT_FOLLOW, COLLISION, UNREACHABLE, Refusal, refuse_move
 from pbd.arm.timing.time_moves import Move, time_moves
-from pbd.arm.tool_deviation import off_line
+from pbd.arm.tool_deviation import off_line, tool_deviations
 from pbd.data import Obstacle
 from pbd.errors import PbdWarning
 from pbd.pose import Array, Pose
@@ -449,15 +449,23 @@ def test_a_detour_is_made_instead_of_a_wide_move_if_it_is_shorter(size: tuple[fl
     assert (travel(either) < travel(straight)) == around
 
 
-def test_a_line_between_configurations_half_a_turn_apart_is_tried_last() -> None:
-    """Where whole turns are free, many pairs of configurations differ by them, and no short line joins those."""
+@pytest.mark.parametrize("wide_cost", [ladder_checks.WIDE_COST, 0.0])
+def test_a_move_between_configurations_half_a_turn_apart_is_tried_last(wide_cost: float) -> None:
+    """Where whole turns are free, many pairs of configurations differ by them, and no short line joins those.
+
+    Where the ladder has charged them, a straight move is not charged again for the tool's deviation.
+    """
     arm = arm_of("ur5")
     home = arm.forward(arm.robot.home)
     poses = [home, Pose(home.p + np.array([0.05, 0.0, 0.0]), home.wxyz)]
-    wide_cost = ladder_checks.WIDE_COST
     search = motion_module._Search(
         arm, MotionRequest(poses, arm.robot.home), None, build_ladder(arm, poses, arm.robot.home, None, 12, wide_cost)
     )
+    before, layer = search.ladder.layers[1], search.ladder.layers[2]
+    q_before, q = (each.reshape(-1, 6) for each in np.broadcast_arrays(before.q[:, None], layer.q))
+    charged = layer.length.ravel() - np.linalg.norm(q - q_before, axis=1) + search.wide_costs([2] * len(q), q_before, q)
+    wide = np.array([each.wide for each in tool_deviations(arm, q_before, q)])
+    np.testing.assert_allclose(charged, charged.min() + ladder_checks.WIDE_COST * wide)
     search._follow_path(2, LINE)
     before, layer = search.ladder.layers[1], search.ladder.layers[2]
     step = before.q[:, None] - layer.q

@@ -1,6 +1,7 @@
 """What the audit computes anew: bounds of motion, hulls, the gripper's rod, the object, the pairs to check."""
 
 from dataclasses import replace
+from itertools import permutations
 from pathlib import Path
 from typing import Any
 
@@ -178,6 +179,15 @@ def test_a_bare_flange_at_the_tools_origin_needs_no_rod(gap_m: float, needed: bo
     assert (tool_rod(arm, ()) is not None) == needed
 
 
+@pytest.mark.parametrize(("end_m", "needed"), [(-0.015, False), (-0.025, True)])
+def test_a_finger_beside_the_tools_axis_that_ends_at_its_origin_needs_no_rod(end_m: float, needed: bool) -> None:
+    arm = AuditArm(arm_of("ur5").robot)
+    for aside in (*permutations((0.1, 0.0)), *permutations((-0.1, 0.0))):
+        T_tool_finger = pin.SE3(np.eye(3), np.array([*aside, end_m - 0.05]))
+        finger = simple_solid("finger", arm.tool_joint, arm.T_joint_tool * T_tool_finger, "box", (0.02, 0.02, 0.1))
+        assert (tool_rod(arm, (finger,)) is not None) == needed
+
+
 def test_a_carried_object_is_checked() -> None:
     """A carried bottle meets a post that the gripper itself misses; where the bottle stands it may touch the table."""
     robot = arm_of("panda").robot
@@ -294,6 +304,18 @@ def test_samples_cover_endless_joints_and_the_gripper_and_no_more(tmp_path: Path
         assert 0.3 < touching < 0.7
         assert solid.name not in left_out
     assert "middle finger" in left_out
+
+
+@pytest.mark.parametrize(("closed", "needed"), [(0.1, False), (0.0, True)])
+def test_a_finger_that_reaches_the_tools_origin_only_when_open_needs_a_rod(
+    closed: float, needed: bool, tmp_path: Path, odd_robot: Robot
+) -> None:
+    (tmp_path / "half_plate.urdf").write_text(HALF_PLATE, encoding="utf-8")
+    gripper = Gripper(("right",), np.array([0.1 - closed]), np.array([closed]), 1.0)
+    robot = two_joints(tmp_path / "half_plate.urdf", odd_robot, "hand", np.inf, gripper)
+    robot = replace(robot, T_body_tool=Pose.from_rpy((0.0, 0.0, 0.3), (0.0, 0.0, 0.0)))
+    arm = AuditArm(robot)
+    assert (tool_rod(arm, link_solids(arm)) is not None) == (planned_rod(load_model(robot)) is not None) == needed
 
 
 HALF_PLATE = """<?xml version="1.0"?>

@@ -589,6 +589,7 @@ def test_other_ways_to_write_a_table(tmp_path: Path, text: str) -> None:
         ("Time", ("0 sec", "0.01 sec")),  # its durations
         ("Time", ("59:59.99", "00:00.00")),  # as spreadsheets show times with fractions
         ("hh:mm:ss.ms", ("10:00:00.000", "10:00:00.010")),  # as ST's Unicleo
+        ("# time", ("12:00:00.000", "12:00:00.010")),  # a header of four columns after a #
     ],
 )
 def test_ways_to_write_the_time(tmp_path: Path, name: str, stamps: tuple[str, str]) -> None:

@@ -15,7 +15,7 @@ import pbd
 from pbd.data import Calibration, Contact, Demonstration, GripEvent, HandPath, LinearErrors, Place
 from pbd.errors import CalibrationError, RecordingError, TrackingError, collected_warnings
 from pbd.fusion.fused_calibration import _composed, device_errors
-from pbd.fusion.grips import differing_grips
+from pbd.fusion.grips import differing_grips, fused_grips
 from pbd.fusion.known_stops import condition_on_known_stops
 from pbd.fusion.marginals import SHARED_PART, estimate_with_device, marginal_of
 from pbd.fusion.matching import Alignment, Keyframes, Registration
@@ -217,14 +217,53 @@ def test_what_is_wrong_with_a_take_is_said_with_its_name(takes: list[Demonstrati
         tracked_take(replace(takes[1], recording=replace(recording, acc=lost)), None, False)
 
 
-def test_a_grip_that_moves_at_a_stop_that_is_left_out_is_said() -> None:
-    """Each take lets go at a stop of its own, which no other has."""
-    grips: Any = [SimpleNamespace(grip=grip) for grip in (None, True, None, False)]
-    made: Any = [SimpleNamespace(name=f"take {k}", keyframes=grips) for k in range(3)]
-    kept = [dict.fromkeys(range(3), j) for j in range(3)]
+def with_grips(*takes: tuple[bool | None, ...]) -> Any:
+    """Return takes of which only the names and the keyframes' grips are known."""
+    grips = [[SimpleNamespace(grip=grip) for grip in take] for take in takes]
+    return [SimpleNamespace(name=f"take {k}", keyframes=take) for k, take in enumerate(grips)]
+
+
+@pytest.mark.parametrize(
+    ("grips", "says"),
+    [
+        ((None, True, None, False), "stays closed at the end, but it opens"),
+        ((None, None, None, True), "stays open at the end, but it closes"),
+    ],
+)
+def test_a_grip_that_moves_at_a_stop_that_is_left_out_is_said(grips: tuple[bool | None, ...], says: str) -> None:
+    """Each take moves it at a stop of its own, which no other has. It is not said if only half of the takes do."""
+    kept, made = [dict.fromkeys(range(3), j) for j in range(3)], with_grips(grips, grips, grips)
     (said,) = differing_grips(kept, made)
-    assert said.startswith("the grip stays closed at the end, but it opens in most takes, at a stop that is left out;")
+    assert said.startswith(f"the grip {says} in most takes, at a stop that is left out;")
     assert differing_grips([*kept, dict.fromkeys(range(3), 3)], made) == []
+    assert differing_grips([{0: j, 1: j} for j in range(3)], with_grips(grips, (*grips[:3], None))) == []
+
+
+@pytest.mark.parametrize(
+    ("grips", "keyframes"),
+    [
+        pytest.param(
+            [(None,) * 3, (None,) * 2, (True, None)],
+            [{0: 0, 1: 0, 2: 0}, {0: 1, 1: 1}, {0: 2, 2: 1}],
+            id="it closed earlier",
+        ),
+        pytest.param(
+            [(True, False), *[(True, None)] * 2, *[(None, None)] * 4],
+            [dict.fromkeys(range(7), 0), dict.fromkeys(range(4), 1)],
+            id="of 7 takes three close it, and one opens it at a keyframe that only these have, and a fourth",
+        ),
+    ],
+)
+def test_a_tie_moves_no_grip_that_no_take_moves_there(
+    grips: list[tuple[bool | None, ...]], keyframes: list[dict[int, int]]
+) -> None:
+    assert fused_grips(keyframes, with_grips(*grips)) == [None] * len(keyframes)
+
+
+def test_takes_whose_grips_differ_are_named_in_their_order() -> None:
+    """Another one than the first may be the reference."""
+    (said,) = differing_grips([{1: 0, 0: 0}], with_grips((True,), (None,)))
+    assert said.startswith("at keyframe 0 the grip closes in take 0 but does not move in take 1: fused, it closes;")
 
 
 def test_stops_that_only_one_of_two_takes_has_are_reported(takes: list[Demonstration]) -> None:
@@ -274,7 +313,7 @@ def test_the_grip_is_that_of_most_takes(takes: list[Demonstration]) -> None:
     [
         pytest.param([{1: True, 4: False}, {2: True, 4: False}], {1: True, 4: False}, id="two takes"),
         pytest.param([{1: True, 4: False}, {2: True, 5: False}, {3: True, 4: False}], {2: True, 4: False}, id="three"),
-        pytest.param([{1: True, 4: False}, {}], {1: True, 4: False}, id="one forgot"),
+        pytest.param([{0: True, 4: False}, {}], {0: True, 4: False}, id="one forgot"),
     ],
 )
 def test_a_grip_marked_at_different_stops_is_kept_once(

@@ -159,17 +159,20 @@ def test_a_forced_recording_that_cannot_be_replayed_does_not_cost_the_old_one(
     assert (tmp_path / "tea.before" / "truth.csv").exists() is kept
 
 
-def test_a_forced_recording_that_never_begins_leaves_the_old_one(tmp_path: Path, silent: tuple[int, str]) -> None:
+def test_a_forced_recording_that_never_begins_leaves_the_old_one(
+    tmp_path: Path, silent: tuple[int, str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Packets come, but none with an acceleration."""
+    monkeypatch.setattr(link, "SILENT_S", 10.0)
     write_demo(simulate("pour"), tmp_path / "tea")
-    wanted = options(tmp_path / "tea", force=True)
+    wanted, decoder = replace(options(tmp_path / "tea", force=True), sensor="os5000"), SPEAKERS["os5000"].decoder()
+
+    def poll() -> Command | None:
+        os.write(silent[0], b"$C320.5P0.2R-18.3T19.0*3C\r\n")
+        return Command.END if decoder.tally.packets else None
+
     with pytest.raises(SensorError, match="ended before the first sample came"):
-        record(
-            lambda: open_port(silent[1], 9600),
-            protocol("ximu3").decoder(),
-            wanted,
-            lambda: Command.END,
-            lambda status: None,
-        )
+        record(lambda: open_port(silent[1], 9600), decoder, wanted, poll, lambda status: None)
     assert [path.name for path in tmp_path.iterdir()] == ["tea"]
 
 
@@ -228,6 +231,7 @@ def test_silence_is_told(tmp_path: Path, silent: tuple[int, str]) -> None:
     assert not (tmp_path / "tea").exists()
 
 
+OS5000 = SPEAKERS["os5000"].encode(random_hand(1, seed=1), 0)
 HEARD = [
     (
         "witmotion",
@@ -260,6 +264,11 @@ HEARD = [
         b"9,1\t2\t3\t4\t5\t6\r\n",
         r"'9,1.t2.t3.t4.t5.t6' .7 numbers.: it has 2 columns, not 7; correct --columns",
     ),
+    (
+        "os5000",
+        OS5000 + 2 * OS5000.replace(b"*", b"0*"),  # a sample now and then comes by chance
+        r"but \d+ whole packets of os5000: ",
+    ),
     ("lines", b"9,x,2,3,4,5,6\r\n", "a column that --columns names is no number; correct --columns, --separator"),
     ("lines", b"9,0,0,81920000,4,5,6\r\n", "its acc is too large .raw counts..; give --unit acc=..., or correct"),
     (
@@ -275,7 +284,7 @@ def test_bytes_that_make_no_recording_are_told(
     tmp_path: Path, silent: tuple[int, str], sensor: str, piece: bytes, message: str
 ) -> None:
     master, name = silent
-    decoder, wanted = SPEAKERS[sensor].decoder(), RecordOptions(tmp_path / "tea", sensor, "2026-01-02T03:04:05Z")
+    decoder, wanted = SPEAKERS[sensor].decoder(), RecordOptions(tmp_path / "tea", sensor, "2026-01-02T03:04:05Z", 1.0)
 
     def speak() -> None:
         """As often as the person is asked."""

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from pbd.data import GraspedObject
 from pbd.io.meshes import mesh_file
 from pbd.pose import Pose
 from pbd.view import visuals
@@ -199,6 +200,32 @@ def test_the_placeholder_is_red_where_it_touches(touches: bool) -> None:
     objects = placeholders(replace(full, contacts=(contact,) if touches else ())).values()
     assert len(objects) == 4
     assert [colours(each) == {RED} for each in objects] == [touches] * 4
+
+
+@pytest.mark.parametrize(("width", "gap"), [(0.03, 0.03), (0.3, 0.16), (None, 0.08)])
+def test_the_placeholders_fingers_are_as_far_apart_as_what_they_hold(width: float | None, gap: float) -> None:
+    """All of it moves with the tool's frame; its fingers begin in the palm, and the rod is where it is checked."""
+    full = with_rod(scenes.ur5_moves(), 0.16, 0.145)
+    sent = commands(replace(full, grasped=None if width is None else GraspedObject("cylinder", (width, 0.1))))
+    placed = {each["path"]: np.reshape(each["matrix"], (4, 4)).T for each in sent if each["type"] == "set_transform"}
+    bounds = {}
+    for each in (each for each in sent if each["type"] == "set_object" and "/placeholder/" in each["path"]):
+        points = np.frombuffer(
+            each["object"]["geometries"][0]["data"]["attributes"]["position"]["array"].data, np.int16
+        )
+        T_tool_mesh = placed[each["path"]] @ np.reshape(each["object"]["object"]["matrix"], (4, 4)).T
+        p_tool = points.reshape(-1, 3) @ T_tool_mesh[:3, :3].T + T_tool_mesh[:3, 3]
+        node, _, name = each["path"].rpartition("/")
+        bounds[name] = np.array((p_tool.min(axis=0), p_tool.max(axis=0)))
+    _, T_joint_body = full.motion.link(full.robot.body)
+    np.testing.assert_allclose(placed[node], (T_joint_body @ full.robot.T_body_tool).matrix(), atol=1e-9)
+    np.testing.assert_allclose(bounds["rod"], ((-0.01, -0.01, -0.155), (0.01, 0.01, 0.01)), atol=1e-5)
+    palm, left, right = (bounds[name] for name in "012")
+    np.testing.assert_allclose((left[1, 0], right[0, 0]), (-0.5 * gap, 0.5 * gap), atol=1e-5)
+    for low, high in (left, right):
+        assert (palm[0, :2] < low[:2]).all()
+        assert (high[:2] < palm[1, :2]).all()
+        np.testing.assert_allclose((low[2], high[2]), (palm[:, 2].mean(), 0.01), atol=1e-5)
 
 
 class TestVisuals:

@@ -10,7 +10,7 @@ from weakref import ref
 import numpy as np
 import pytest
 
-from pbd.arm.collision.clearance import MARGIN_M, STEP_M, Clearance
+from pbd.arm.collision.clearance import MARGIN_M, STEP_M, Clearance, ContactSpan, JointPath
 from pbd.arm.collision.geometry import link_bodies
 from pbd.arm.collision.motion_check import all_hits, collision_error, object_phases_of, refuse_home
 from pbd.arm.collision.scene import CollisionScene, GraspState
@@ -311,6 +311,21 @@ def test_all_hits_are_those_that_a_search_finds(
             assert end - start < 2 * step or any(start <= instant <= end for instant in instants)
     for earlier, later in pairwise(hits):
         assert earlier.t <= later.t
+
+
+@pytest.mark.parametrize(("parted_s", "spans"), [(0.09, [(1.0, 3.0)]), (0.11, [(1.0, 2.0), (2.11, 3.0)])])
+def test_contacts_of_a_pair_a_tenth_of_a_second_apart_are_one(
+    arm: ArmModel, monkeypatch: pytest.MonkeyPatch, parted_s: float, spans: list[tuple[float, float]]
+) -> None:
+    """The deepest counts; a contact of another pair stays another."""
+    scene, trajectory = CollisionScene(arm), through(arm, PLACES[:2], GRIPS[:2])
+    path = JointPath(np.array([1.0, 2.0, 2.0 + parted_s, 3.0]), np.tile(np.append(arm.robot.home, 0.0), (4, 1)))
+    contacts = [ContactSpan(0, 0, 1, 0, -0.01), ContactSpan(0, 2, 3, 2, -0.02), ContactSpan(1, 2, 3, 2, -0.03)]
+    monkeypatch.setattr("pbd.arm.collision.motion_check.sample_trajectory", lambda *_: path)
+    monkeypatch.setattr(scene.always, "contacts", lambda _: contacts)
+    own = [each for each in all_hits(scene, trajectory) if (each.hit.first, each.hit.second) == scene.always.names(0)]
+    assert [(each.t, each.parted_t) for each in own] == spans
+    assert own[-1].hit.distance == -0.02
 
 
 def test_the_first_hit_is_that_of_a_refusal(arm: ArmModel) -> None:
