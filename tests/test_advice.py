@@ -139,9 +139,9 @@ def test_where_a_mesh_is_missing_no_key_is_named_that_a_robot_does_not_take(tmp_
 
 
 def test_the_place_that_is_advised_is_the_nearest_that_works() -> None:
-    wanted, shown = ThingPlace("cup", (1.0, 0.0, 0.0), 0.4), np.zeros(3)
+    wanted, shown = ThingPlace("cup", (1.1, 0.2, -0.1), 0.4), np.array([0.1, 0.2, -0.1])
     assert nearest_working_place(wanted, shown, lambda _: False) is None  # the fault lies elsewhere
-    found = nearest_working_place(wanted, shown, lambda place: place.p_base[0] <= 0.3)
+    found = nearest_working_place(wanted, shown, lambda place: place.p_base[0] <= 0.4)
     assert found is not None
-    assert 0.28 < found.p_base[0] <= 0.3
-    assert found.turn_rad == pytest.approx(0.4 * found.p_base[0])
+    assert 0.38 < found.p_base[0] <= 0.4
+    assert (*found.p_base[1:], found.turn_rad) == pytest.approx((0.2, -0.1, 0.4 * (found.p_base[0] - 0.1)))

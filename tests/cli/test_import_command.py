@@ -122,6 +122,7 @@ def test_a_wrong_rate_is_not_blamed_on_a_column(tmp_path: Path, capsys: pytest.C
     ("unit", "factor", "says"),
     [
         (" (mg)", 1.0, "likely in g: import the file with --unit acc=g"),
+        (" (mg)", GRAVITY, "likely in m/s2: import the file with --unit acc=m/s2"),
         ("", 3.0 * GRAVITY, "check the unit of the columns Acc-X, Acc-Y, Acc-Z"),
     ],
 )

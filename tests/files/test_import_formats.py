@@ -218,6 +218,15 @@ def test_units_and_rows_of_axes_that_sketches_print(tmp_path: Path, line: str, s
     assert_allclose(recording.t, 0.01 * np.arange(4))
 
 
+def test_whole_seconds_and_words_before_a_line_are_not_the_time_of_its_sample(tmp_path: Path) -> None:
+    """By whole seconds most samples would have the same time, and be left out."""
+    text = "".join(f"[2024-05-01 12:34:{50 + k // 4}] ax: 1 ay: 2 az: 3\n" for k in range(12))
+    with pytest.raises(RecordingError, match="no column for t"):
+        imported(tmp_path, text, None, "monitor.log")
+    recording = imported(tmp_path, 4 * "[temp:23,5] ax: 1 ay: 2 az: 3\n", 100.0, "monitor.log")
+    assert_allclose(recording.acc, np.tile([1.0, 2.0, 3.0], (4, 1)))
+
+
 @pytest.mark.parametrize(
     "lines",
     [

@@ -2,6 +2,7 @@
 
 import errno
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -55,6 +56,8 @@ def test_a_recording_stays_where_it_is_said_to_be(tea: Path) -> None:
     assert before.notice == f"the old one is in {tea}.before"
     assert before.replace() == f"the old {tea}, a recording, is kept in {tea}.before"
     assert beside(tea) == {"tea.before": "the old one"}
+    assert replace(before, why_kept="").replace() == f"the old {tea} is replaced"
+    assert beside(tea) == {}
 
 
 def test_one_that_is_kept_says_how_to_get_it_back(tea: Path) -> None:
