@@ -148,7 +148,13 @@ def test_an_odd_name(capsys: Capture, there: Path, writer: str, name: str) -> No
 
 
 @pytest.mark.parametrize(
-    "words", ["touch {} 1 --robot ur5 --by 0 0 0.002", "keyframes {} --save", "fuse {} there/old -o there/new"]
+    "words",
+    [
+        "touch {} 1 --robot ur5 --by 0 0 0.002",
+        "keyframes {} --save",
+        "fuse {} there/old -o there/new",
+        "simulate pour {} --force",
+    ],
 )
 def test_a_demonstration_whose_folder_is_not_utf_8(capsys: Capture, there: Path, words: str) -> None:
     """It can be read, but nothing that names it can be written."""

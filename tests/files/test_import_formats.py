@@ -760,7 +760,7 @@ def test_a_lone_sign_of_western_windows_is_not_chinese(tmp_path: Path) -> None:
 def test_a_lost_line_moves_no_later_sample(tmp_path: Path) -> None:
     """With --rate the time is counted by the samples."""
     lines = [f"ax: {k} g, ay: 0 g, az: 1 g\ngx: 0 dps, gy: 0 dps, gz: 9 dps\ntemp: 20\n" for k in range(9)]
-    lines[4] = lines[4].replace("temp: 20\n", "")
+    lines[7] = lines[7].replace("temp: 20\n", "")
     read = imported(tmp_path, "".join(lines), rate_hz=100.0, name="run.log")
     assert_allclose(read.acc[:, 0], GRAVITY * np.arange(9))
     assert_allclose(not_none(read.gyr)[:, 2], 9 * DEG)
