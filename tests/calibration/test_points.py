@@ -202,7 +202,7 @@ def test_mirrored_points_are_refused(points: Array, mistake: Array, check: str) 
 @pytest.mark.parametrize(
     ("points", "free", "message"),
     [
-        (POINTS[:2], False, "2 points are too few; touch 3 or more"),
+        (POINTS[:1], False, "1 point is too few; touch 3 or more"),
         ([[0.3, 0.0, 0.0], [0.3, 0.0, 0.2], [0.31, 0.0, 0.4]], False, "lie above each other .* heading is unknown"),
         ([[0.3, 0.0, 0.0], [0.5, 0.0, 0.0], [0.7, 0.001, 0.0]], True, "lie on a line .* touch a point beside it"),
         ([[0.3, 0.0, 0.0], [0.5, 0.0, 0.0], [0.3, 0.0, 0.0]], False, "points 1 and 3 are the same place"),

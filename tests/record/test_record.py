@@ -301,6 +301,16 @@ def test_bytes_that_make_no_recording_are_told(
     assert not (tmp_path / "tea").exists()
 
 
+def test_broken_packets_and_times_that_leap_count_as_bad_packets(tmp_path: Path) -> None:
+    session = Session(protocol("ximu3").decoder(), options(tmp_path / "tea"))
+    for k in range(100):
+        session.take(ximu3.text("I", 10_000 * k + 5_000_000 * (k == 50), [0.0] * 5 + [1.0]), 0.01 * k)
+    session.take(b"I,broken\r\n", 1.0)
+    session.discard()
+    session.close()
+    assert session.bad_packets == 2
+
+
 def test_a_sensor_that_sends_once_in_a_while_is_too_slow(tmp_path: Path, silent: tuple[int, str]) -> None:
     wanted = RecordOptions(tmp_path / "tea", "lines", "2026-01-02T03:04:05Z")
 
