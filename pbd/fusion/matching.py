@@ -224,7 +224,8 @@ def match_by_moves(ref: Keyframes, other: Keyframes) -> list[tuple[int, int]]:
     """Match in order, by the moves between matched keyframes, over up to MAX_SKIPS others. Dynamic programming."""
     n, m = len(ref), len(other)
     grip = _grip_cost(ref, other)
-    cost = grip + SKIP_COST * (np.arange(n)[:, None] + np.arange(m))
+    before = SKIP_COST * (np.arange(n)[:, None] + np.arange(m))  # cost of all keyframes before a first match
+    cost = grip + before
     back = np.zeros((n, m, 2), dtype=np.intp)
     ours, theirs = _move_features(ref), _move_features(other)
     for i in range(1, n):
@@ -235,8 +236,7 @@ def match_by_moves(ref: Keyframes, other: Keyframes) -> list[tuple[int, int]]:
                 better = total < cost[i, b:]
                 cost[i, b:][better] = total[better]
                 back[i, b:][better] = (a, b)
-    end = cost + SKIP_COST * (n - 1 - np.arange(n)[:, None] + m - 1 - np.arange(m))
-    i, j = divmod(int(np.argmin(end)), m)
+    i, j = divmod(int(np.argmin(cost - before)), m)  # the fewer come after a last match, the better
     pairs = [(i, j)]
     while back[i, j].any():
         i, j = i - int(back[i, j][0]), j - int(back[i, j][1])

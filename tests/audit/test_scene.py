@@ -172,20 +172,15 @@ def test_the_rod_is_the_same_as_the_planners(name: str) -> None:
 
 
 @pytest.mark.parametrize(("gap_m", "needed"), [(0.015, False), (0.025, True)])
-def test_a_bare_flange_at_the_tools_origin_needs_no_rod(gap_m: float, needed: bool) -> None:
-    """Without links that carry the tool, the rod begins at the flange."""
-    arm = AuditArm(arm_of("ur5").robot)
-    arm.T_joint_tool = pin.SE3(np.eye(3), np.array([0.0, 0.0, gap_m]))
-    assert (tool_rod(arm, ()) is not None) == needed
-
-
-@pytest.mark.parametrize(("end_m", "needed"), [(-0.015, False), (-0.025, True)])
-def test_a_finger_beside_the_tools_axis_that_ends_at_its_origin_needs_no_rod(end_m: float, needed: bool) -> None:
+def test_a_finger_or_a_flange_that_ends_near_the_tools_origin_needs_no_rod(gap_m: float, needed: bool) -> None:
+    """The finger is beside the tool's axis. Without links that carry the tool, the rod begins at the flange."""
     arm = AuditArm(arm_of("ur5").robot)
     for aside in (*permutations((0.1, 0.0)), *permutations((-0.1, 0.0))):
-        T_tool_finger = pin.SE3(np.eye(3), np.array([*aside, end_m - 0.05]))
+        T_tool_finger = pin.SE3(np.eye(3), np.array([*aside, -gap_m - 0.05]))
         finger = simple_solid("finger", arm.tool_joint, arm.T_joint_tool * T_tool_finger, "box", (0.02, 0.02, 0.1))
         assert (tool_rod(arm, (finger,)) is not None) == needed
+    arm.T_joint_tool = pin.SE3(np.eye(3), np.array([0.0, 0.0, gap_m]))
+    assert (tool_rod(arm, ()) is not None) == needed
 
 
 def test_a_carried_object_is_checked() -> None:

@@ -103,6 +103,7 @@ def test_what_can_not_be_tracked_is_told_once() -> None:
         feedback.feed(k / 100.0, Sample((0.0, 0.0, 9.8)))
     (only,) = feedback.take_messages()
     assert only.text.startswith("there is neither a gyro nor the device's own attitude")
+    assert feedback.stops == 0
 
 
 @pytest.mark.parametrize(
