@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pbd.data import GraspedObject
+from pbd.data import GraspedObject, Gripper
 from pbd.io.meshes import mesh_file
 from pbd.pose import Pose
 from pbd.view import visuals
@@ -195,7 +195,9 @@ def test_the_rod_that_is_checked_is_drawn(scene: Callable[[], ReplayScene], ahea
 
 @pytest.mark.parametrize("touches", [False, True])
 def test_the_placeholder_is_red_where_it_touches(touches: bool) -> None:
+    """It is drawn, too, for a gripper whose fingers the model lacks."""
     full = with_rod(scenes.ur5_moves(), 0.16, 0.145)
+    full = replace(full, robot=replace(full.robot, gripper=Gripper((), np.zeros(0), np.zeros(0), 0.5)))
     contact = TouchingPair(("the tool", "the table"), 1.0, 2.0, "it does")
     objects = placeholders(replace(full, contacts=(contact,) if touches else ())).values()
     assert len(objects) == 4
