@@ -1,11 +1,15 @@
 """A single keyframe that is elsewhere in each take moved with an object; one that is off in one take did not."""
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 
 from pbd.fusion.fuse import _matched
-from pbd.fusion.matching import Keyframes
-from pbd.fusion.moved_things import another_thing, find_moved_keyframes
+from pbd.fusion.matching import Alignment, Keyframes, Registration
+from pbd.fusion.moved_things import MovedKeyframes, another_thing, find_moved_keyframes
+from pbd.fusion.takes import initial_estimate
 from pbd.pose import Array
 from tests.fusion.made_up_takes import rotations, truth
 
@@ -106,3 +110,13 @@ def test_two_keyframes_in_the_other_order_are_no_thing_that_moved() -> None:
     for values in (takes[1].p, takes[1].R):
         values[[3, 4]] = values[[4, 3]]
     assert find_moved_keyframes(takes) is None
+
+
+def test_a_keyframe_that_the_reference_lacks_is_not_in_the_moved_frame() -> None:
+    """Of four keyframes the reference lacks the second; its own second one moved."""
+    here, (task, *_) = Registration(0.0, np.zeros(3), np.eye(3)), shown(ELSEWHERE)
+    takes: Any = [SimpleNamespace(marginal=SimpleNamespace(device=np.zeros(1)), device=k) for k in range(3)]
+    own = ({0: 0, 1: 0, 2: 0}, {1: 1, 2: 1}, {0: 1, 1: 2, 2: 2}, {0: 2, 1: 3, 2: 3})
+    alignment = Alignment(task[list(range(4))], own, dict.fromkeys(range(3), here), ())
+    observed, _ = initial_estimate(takes, range(3), alignment, MovedKeyframes(1, 1, 12.0, 0, {}, {}))
+    assert observed.frame.tolist() == [0, 0, 1, 0]
