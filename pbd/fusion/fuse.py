@@ -63,7 +63,7 @@ def estimate_task(takes: Sequence[Take], calibration: Calibration | None = None)
         """Return the observations conditioned on what is known of each take's stops."""
         marginals = [
             condition_on_known_stops(takes[k], marginal, Q, lever, calibration, refuse)
-            for k, marginal, Q, lever in zip(used, observations.marginals, x.Q, x.lever, strict=True)
+            for k, marginal, Q, lever in zip(used, observations.marginals, x.Q @ x.H, x.lever, strict=True)
         ]
         return replace(observations, marginals=tuple(marginals))
 

@@ -3,7 +3,9 @@
 Take k has keyframe j at position p and attitude R in its own nav; both depend on the errors of its device. Relative to
 the first take, its nav is rotated by a yaw about the vertical (Rz) and shifted by c, and its sensor is rotated in the
 hand by Q and shifted by a lever l. With the task's keyframes m, A in the first take's nav, of the first take's sensor:
-    Rz p + c = m + A l + N(0, scatter),   Rz R Q = exp(N(0, scatter)) A
+    Rz p + c = m + A l + N(0, scatter),   Rz R Q H = exp(N(0, scatter)) A
+In the dock H is 1. Away from it the hand holds the sensor a few degrees otherwise in each take: N(0, sigma) about each
+axis, so that the task's attitudes are the mean of all takes, and do not tilt the dock.
 Keyframes of an object that stood elsewhere have a yaw and a shift c of their own in each take: frame 1 besides frame 0.
 """
 
@@ -18,15 +20,22 @@ from numpy.typing import NDArray
 
 from pbd.fusion.elimination import Part, Precision, by_take, solve
 from pbd.fusion.marginals import BIAS_PART, DEVICE_ERRORS, Marginal
-from pbd.fusion.scatter import Scatter
+from pbd.fusion.scatter import HAND_RAD, Scatter
 from pbd.pose import Array, matrix_log, quat_about_z, quat_exp, quat_to_matrix, skew
 from pbd.tracking.estimate import relative_to_first
 from pbd.tracking.smoother.preintegration import ACC_MATRIX, GYR_MATRIX
 from pbd.tracking.smoother.state import lower_matrix
 
-LEVER_M, LEVER_FREEDOM, LARGEST_LEVER_M = 0.005, 3.0, 0.05
-"""Prior of the levers: sigma along each axis, m; degrees of freedom of that sigma; its largest value, m, half a hand's
-width. Without a bound, differing takes get levers of metres."""
+LEVER_M, LARGEST_LEVER_M = 0.005, 0.05
+"""Sigma of the levers along each axis, m: its prior, and its largest value, half a hand's width. Without a bound,
+differing takes get levers of metres."""
+
+HOLD_RAD, LARGEST_HOLD_RAD = HAND_RAD, np.radians(10.0)
+"""Likewise sigma of H about each axis, rad. If takes differ by more, the sensor was turned between the dock and the
+task, so that the dock does not show how it sits in the hand."""
+
+PRIOR_FREEDOM = 3.0
+"""Degrees of freedom of the priors of these sigmas."""
 
 DAMPING = 0.01
 """Damping (1/m2, 1/rad2) of all unknowns but the devices' errors, so that no matrix is singular."""
@@ -35,8 +44,8 @@ MAX_ITERATIONS, CONVERGED, CONVERGED_LOG = 25, 1e-3, 0.01
 """Gauss-Newton: largest number of iterations; largest last fall of chi-square, and last change of the scatter's
 logarithms."""
 
-TURN, LEVER = slice(0, 3), slice(3, 6)
-"""Q and l among a take's own unknowns."""
+TURN, LEVER, HOLD = slice(0, 3), slice(3, 6), slice(6, 9)
+"""Q, l and H among a take's own unknowns."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,6 +56,7 @@ class TaskState:
         m, A: (J, 3) m and (J, 3, 3), the task's keyframes.
         yaw, c: (F, K) rad and (F, K, 3) m, each take's nav in frame 0, and in frame 1 for a moved object's keyframes.
         Q, lever: (K, 3, 3) and (K, 3) m, the sensor's rotation and shift in the hand, relative to the first take.
+        H: (K, 3, 3), its further rotation in the hand away from the dock.
         devices: (D, DEVICE_ERRORS), the devices' errors.
     """
 
@@ -55,6 +65,7 @@ class TaskState:
     yaw: Array
     c: Array
     Q: Array
+    H: Array
     lever: Array
     devices: Array
 
@@ -73,7 +84,8 @@ class TaskState:
         M, N = self.devices[device][GYR_MATRIX].reshape(3, 3), lower_matrix(self.devices[device][ACC_MATRIX])
         skewed = M + N - (M + N).T
         rotation = quat_to_matrix(quat_exp(0.25 * np.array((skewed[1, 2], skewed[2, 0], skewed[0, 1]))))
-        return replace(self, A=self.A @ rotation, Q=self.Q @ rotation, lever=self.lever @ rotation)
+        H = rotation.T @ self.H @ rotation
+        return replace(self, A=self.A @ rotation, Q=self.Q @ rotation, H=H, lever=self.lever @ rotation)
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,23 +154,22 @@ def estimate_jointly(
 
     From an estimate with another scatter, one iteration suffices for the fit to this scatter.
     """
-    takes, levers = len(observations.marginals), 3 * len(observations.marginals) - 3
+    takes = len(observations.marginals)
     group = scatter.group[observations.at].ravel()
     covs = [
         _relative_covariance(marginal, observations.own[observations.take == k])
         for k, marginal in enumerate(observations.marginals)
     ]
-    lever_variance = _lever_variance(float((x.lever**2).sum()) + levers * LEVER_M**2, levers)
+    variances = _own_variances(x, np.zeros((takes, HOLD.stop)))
     for _ in range(iterations):
         r, J = _residuals(observations, x)
         hand = scatter.sigma[observations.at].ravel() ** 2
         tracking = [scatter.tracker * cov for cov in _in_task_frame(observations, covs, x.Rz)]
         rows_covs = zip(observations.rows, tracking, strict=True)
         weights: list[Array] = [np.asarray(np.linalg.inv(cov + np.diag(hand[rows]))) for rows, cov in rows_covs]
-        solved = solve(_parts(observations, x, lever_variance), weights, J, r)
+        solved = solve(_parts(observations, x, *variances), weights, J, r)
         x = _updated(x, solved.steps)
-        square = (x.lever**2).sum() + sum(np.trace(cov[LEVER, LEVER]) for cov in solved.covs[1:takes])
-        lever_variance = _lever_variance(float(square), levers)
+        variances = _own_variances(x, np.array([np.diagonal(cov)[: HOLD.stop] for cov in solved.covs[:takes]]))
         weighted = by_take(weights, solved.residuals)
         before, scatter = scatter, scatter.improved(solved.precision, weighted, group, tracking)
         if solved.fall < CONVERGED and scatter.change(before) < CONVERGED_LOG:
@@ -169,9 +180,20 @@ def estimate_jointly(
     return JointEstimate(x, cov, scatter, solved.residuals, solved.precision, np.array(cov_devices), turn_sigma)
 
 
-def _lever_variance(square: float, count: int) -> float:
-    """Return the variance (m2) of `count` components of levers with this sum of expected squares (m2)."""
-    return min((square + LEVER_FREEDOM * LEVER_M**2) / (count + LEVER_FREEDOM), LARGEST_LEVER_M**2)
+def _own_variances(x: TaskState, own: Array) -> tuple[float, float]:
+    """Return the variances of the levers (m2) and of H (rad2), given the variances (K, 9) of the takes' own unknowns.
+
+    The first take's lever is zero by definition.
+    """
+    found = []
+    for value, part, first, prior, largest in (
+        (x.lever, LEVER, 1, LEVER_M, LARGEST_LEVER_M),
+        (matrix_log(x.H), HOLD, 0, HOLD_RAD, LARGEST_HOLD_RAD),
+    ):
+        squares = (value**2 + own[:, part])[first:]
+        shown = (float(squares.sum()) + PRIOR_FREEDOM * prior**2) / (squares.size + PRIOR_FREEDOM)
+        found.append(min(shown, largest**2))
+    return found[0], found[1]
 
 
 def _in_task_frame(observations: Observations, covs: Sequence[Array], Rz: Array) -> Iterator[Array]:
@@ -193,12 +215,13 @@ def _relative_covariance(marginal: Marginal, own: NDArray[np.intp]) -> Array:
     return np.asarray(relative @ marginal.cov @ relative.T)
 
 
-def _parts(observations: Observations, x: TaskState, lever_variance: float) -> list[Part]:
-    """Return the unknowns: each take's own (Q, l, then each frame's yaw and c), each device's, the keyframes (m, A)."""
-    own, poses = slice(0, 6 + 4 * len(x.yaw)), 6 * len(x.m)
+def _parts(observations: Observations, x: TaskState, lever_variance: float, hold_variance: float) -> list[Part]:
+    """Return the unknowns: each take's own (Q, l, H, each frame's yaw and c), each device's, the keyframes (m, A)."""
+    own, poses = slice(0, HOLD.stop + 4 * len(x.yaw)), 6 * len(x.m)
     damping, gradient = np.full(own.stop, DAMPING), np.zeros((len(x.lever), own.stop))
-    damping[LEVER] += 1.0 / lever_variance
-    gradient[:, LEVER] = x.lever / lever_variance
+    for part, value, variance in ((LEVER, x.lever, lever_variance), (HOLD, matrix_log(x.H), hold_variance)):
+        damping[part] += 1.0 / variance
+        gradient[:, part] = value / variance
     parts = [Part(rows, own, np.diag(damping), one) for rows, one in zip(observations.rows, gradient, strict=True)]
     device, of_row = np.array(observations.device), np.take(observations.device, observations.take).repeat(6)
     at = slice(own.stop, own.stop + DEVICE_ERRORS)
@@ -224,10 +247,12 @@ def _residuals(observations: Observations, x: TaskState) -> tuple[Array, Array]:
     p, R, by_device = (np.array([shown[k][value][i] for k, i in where]) for value in range(3))
     Rz = x.Rz[frame, take]
     p, R = (Rz @ p[..., None])[..., 0], Rz @ R @ x.Q[take]
-    A = x.A[at]
+    docked = at == 0
+    held, A = np.where(docked[:, None, None], R, R @ x.H[take]), x.A[at]
     lever = (A @ x.lever[take][..., None])[..., 0]
-    r = np.concatenate((p + x.c[frame, take] - x.m[at] - lever, matrix_log(R @ A.transpose(0, 2, 1))), axis=1)
-    by_hand, by_nav, by_pose = np.zeros((count, 6, 6)), np.zeros((count, 6, 4)), np.tile(-np.eye(6), (count, 1, 1))
+    r = np.concatenate((p + x.c[frame, take] - x.m[at] - lever, matrix_log(held @ A.transpose(0, 2, 1))), axis=1)
+    by_hand, by_nav = np.zeros((count, 6, HOLD.stop)), np.zeros((count, 6, 4))
+    by_pose = np.tile(-np.eye(6), (count, 1, 1))
     by_hand[:, 3:, TURN], by_hand[:, :3, LEVER] = R, -A
     up = np.array((0.0, 0.0, 1.0))
     by_nav[:, :3, 0], by_nav[:, 3:, 0], by_nav[:, :3, 1:] = np.cross(up, p), up, np.eye(3)
@@ -236,6 +261,7 @@ def _residuals(observations: Observations, x: TaskState) -> tuple[Array, Array]:
     by_navs[np.arange(count), :, frame], by_poses[np.arange(count), :, at] = by_nav, by_pose
     by_take = np.concatenate((by_hand, by_navs.reshape(count, 6, -1)), axis=2)
     by_take[take == take[0]] = 0.0  # the first take that is left defines the frame
+    by_take[~docked, 3:, HOLD] = held[~docked]
     by_device = (Rz[:, None] @ by_device.reshape(count, 2, 3, -1)).reshape(by_device.shape)
     J = np.concatenate((by_take, by_device, by_poses.reshape(count, 6, -1)), axis=2)
     return r.ravel(), J.reshape(6 * count, -1)
@@ -244,13 +270,14 @@ def _residuals(observations: Observations, x: TaskState) -> tuple[Array, Array]:
 def _updated(x: TaskState, steps: Sequence[Array]) -> TaskState:
     """Return the state after a step of each of its `_parts`."""
     own, devices, poses = np.array(steps[: len(x.lever)]), np.array(steps[len(x.lever) : -1]), steps[-1].reshape(-1, 6)
-    frames = own[:, 6:].reshape(len(own), -1, 4).transpose(1, 0, 2)
+    frames = own[:, HOLD.stop :].reshape(len(own), -1, 4).transpose(1, 0, 2)
     return TaskState(
         x.m + poses[:, :3],
         quat_to_matrix(quat_exp(poses[:, 3:])) @ x.A,
         x.yaw + frames[..., 0],
         x.c + frames[..., 1:],
         x.Q @ quat_to_matrix(quat_exp(own[:, TURN])),
+        x.H @ quat_to_matrix(quat_exp(own[:, HOLD])),
         x.lever + own[:, LEVER],
         x.devices + devices,
     )

@@ -82,7 +82,7 @@ def _take_path(fused: Fused, i: int) -> TakePath:
     """Return a take's path in the first take's nav, with the sensor held as in the first take."""
     take, observations, x = fused.takes[fused.used[i]], fused.observations, fused.joint.state
     path = path_of(take.solution.problem, fused.states[i])
-    wxyz = quat_multiply(quat_multiply(quat_about_z(float(x.yaw[0, i])), path.wxyz), quat_from_matrix(x.Q[i]))
+    wxyz = quat_multiply(quat_multiply(quat_about_z(float(x.yaw[0, i])), path.wxyz), quat_from_matrix(x.Q[i] @ x.H[i]))
     p = path.p @ x.Rz[0, i].T + x.c[0, i] - quat_rotate(wxyz, x.lever[i])
     t, stops, weight = take.path.t, np.full((len(x.m), 2), np.nan), np.zeros(len(x.m))
     of_take = observations.take == i
@@ -107,7 +107,8 @@ def _fusion(fused: Fused, mean: MeanPath) -> Fusion:
         frame = observations.frame[at]
         p = (x.Rz[frame, i] @ p[mine, :, None])[..., 0] + x.c[frame, i]
         off[at] = p - x.m[at] - x.A[at] @ x.lever[i]
-        turns = matrix_log(x.Rz[frame, i] @ R[mine] @ x.Q[i] @ x.A[at].transpose(0, 2, 1))
+        held = np.where((at == 0)[:, None, None], x.Q[i], x.Q[i] @ x.H[i])
+        turns = matrix_log(x.Rz[frame, i] @ R[mine] @ held @ x.A[at].transpose(0, 2, 1))
         off_rad[at] = np.linalg.norm(turns, axis=1)
         summaries.append(
             FusedTake(

@@ -113,6 +113,7 @@ def initial_estimate(
         np.array([[one.yaw for one in nav] for nav in navs]),
         np.array([[one.c for one in nav] for nav in navs]),
         np.array([one.Q for one in navs[0]]),
+        np.tile(np.eye(3), (len(used), 1, 1)),
         np.zeros((len(used), 3)),
         np.array([takes[used[device.index(d)]].marginal.device for d in range(max(device) + 1)]),
     )

@@ -73,6 +73,7 @@ def initial_state(true: Truth) -> TaskState:
         (true.yaw + 0.02 * (true.yaw != 0.0))[None],
         true.c[None],
         true.Q,
+        np.tile(np.eye(3), (len(true.Q), 1, 1)),
         np.zeros_like(true.lever),
         np.zeros((1, DEVICE_ERRORS)),
     )

@@ -9,6 +9,7 @@ from scipy.special import chdtrc
 
 from pbd.fusion.elimination import Part, Precision
 from pbd.fusion.joint_estimate import (
+    HOLD,
     MAX_ITERATIONS,
     Observations,
     TaskState,
@@ -30,10 +31,13 @@ MM = 1e-3
 def test_the_jacobian_agrees_with_finite_differences() -> None:
     true = truth(3)
     takes, x = replace(observations(true, np.array(0.0), MM), frame=np.array((0, 0, 1, 1, 0, 0))), initial_state(true)
-    x = replace(x, yaw=np.vstack((x.yaw, x.yaw + 0.01)), c=np.concatenate((x.c, x.c)))
+    H = rotations(0.03 * np.random.default_rng(0).normal(size=(3, 3)))
+    x = replace(x, yaw=np.vstack((x.yaw, x.yaw + 0.01)), c=np.concatenate((x.c, x.c)), H=H)
     r, J = _residuals(takes, x)
-    of_take, device, poses = np.split(1e-6 * np.eye(J.shape[1]), np.cumsum((14, DEVICE_ERRORS)), axis=1)
-    steps = zip(np.zeros_like(of_take), of_take, of_take, device, poses, strict=True)  # the first take has none
+    of_take, device, poses = np.split(1e-6 * np.eye(J.shape[1]), np.cumsum((17, DEVICE_ERRORS)), axis=1)
+    of_first = np.zeros_like(of_take)  # it defines the frame, but its hand has an H of its own
+    of_first[:, HOLD] = of_take[:, HOLD]
+    steps = zip(of_first, of_take, of_take, device, poses, strict=True)
     found = np.column_stack([(_residuals(takes, _updated(x, step))[0] - r) / 1e-6 for step in steps])
     np.testing.assert_allclose(found, J, atol=0.03)  # the Jacobian neglects second order of a rotation of 0.03 rad
 
@@ -55,6 +59,23 @@ def test_a_doubt_of_one_take_holds_for_all_takes_of_its_device(widest: int) -> N
     takes = replace(takes, marginals=marginals)
     found = estimate_jointly(takes, initial_state(true), common_scatter(6))
     np.testing.assert_allclose(found.cov_devices[0], np.linalg.inv(wide), rtol=1e-6, atol=1e-12)
+
+
+def test_a_hand_that_holds_the_sensor_otherwise_in_each_take_does_not_tilt_the_dock() -> None:
+    """The rotation in the hand was that away from the dock: the dock was tilted, and all was as in the first take."""
+    held, true = rotations(np.radians(((4, 0, 0), (-4, 3, 0), (0, -3, 5), (0, 0, -5)))), truth(4)
+    true = replace(true, lever=np.zeros((4, 3)))  # levers show the rotation of a task too
+    takes = observations(true, np.array(MM), MM)
+    for take, Q, H in zip(takes.marginals, true.Q, held, strict=True):
+        take.R[1:] = take.R[1:] @ Q @ H.T @ Q.T
+    found = estimate_jointly(takes, initial_state(true), common_scatter(6))
+    off = np.degrees(np.linalg.norm(matrix_log(found.state.A @ true.A.transpose(0, 2, 1)), axis=1))
+    assert off[0] < 0.1
+    assert off[1:].max() < 0.3  # the mean of the four
+    cov = found.cov.reshape(6, 6, 6, 6)
+    sigma = np.degrees(np.sqrt([np.linalg.eigvalsh(cov[j, 3:, j, 3:])[-1] for j in range(6)]))
+    assert sigma[0] < 0.3
+    assert np.all((sigma[1:] > 1.0) & (sigma[1:] < 2.5))  # 3 degrees rms, of four
 
 
 def test_frames_levers_and_rotations_in_the_hand_are_found() -> None:

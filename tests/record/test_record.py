@@ -163,7 +163,7 @@ def test_a_forced_recording_that_never_begins_leaves_the_old_one(
     tmp_path: Path, silent: tuple[int, str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Packets come, but none with an acceleration."""
-    monkeypatch.setattr(link, "SILENT_S", 10.0)
+    monkeypatch.setattr(sensor_connection, "SILENT_S", 10.0)
     write_demo(simulate("pour"), tmp_path / "tea")
     wanted, decoder = replace(options(tmp_path / "tea", force=True), sensor="os5000"), SPEAKERS["os5000"].decoder()
 
