@@ -60,7 +60,8 @@ def run(args: argparse.Namespace) -> None:
     if inside is not None:
         for row, probability in zip(rows, inside.of_each, strict=True):
             row["probability"] = probability
-        below.append(f"\nprobability that all keyframes are within the tolerance: {inside.band}")
+        which = "the tolerance" if args.tolerance else f"their own tolerances ({_tolerances(keyframes)})"
+        below.append(f"\nprobability that all keyframes are within {which}: {inside.band}")
     if robot is not None and calibration is not None:
         solved = solve_keyframes(robot, keyframes, calibration, plan_options(args, robot), path)
         below += _add_joints(args, rows, robot, *solved)
@@ -143,6 +144,12 @@ def _success(args: argparse.Namespace, placed: KeyframesInBase | None) -> Succes
     if min(args.tolerance) < SMALLEST_POSITIVE or within_m > LARGEST_NUDGE_M or len(within_deg) > 1:
         raise UsageError(f"--tolerance takes METRES (up to {LARGEST_NUDGE_M}), or METRES DEGREES, above zero")
     return success_of(placed, within_m, math.radians(within_deg[0]) if within_deg else math.inf)
+
+
+def _tolerances(keyframes: Sequence[Keyframe]) -> str:
+    """Say how large the keyframes' own tolerances are, and how to ask for another."""
+    mm = 1e3 * np.concatenate([each.tolerance_m for each in keyframes if each.tolerance_m is not None])
+    return f"{mm.min():.1f} to {mm.max():.1f} mm; --tolerance METRES asks for another"
 
 
 def _pose(pose: Pose) -> dict[str, Any]:

@@ -21,9 +21,15 @@ def keyframes_of(path: HandPath) -> tuple[Keyframe, ...]:
 
 
 def find_keyframes(path: HandPath) -> tuple[Keyframe, ...]:
-    """One keyframe per stop, at the stop's middle, with its position and mean attitude."""
+    """One keyframe per stop, at the stop's middle, with its position and mean attitude.
+
+    The first one, the dock, has no learned tolerance: where it is, the calibration says, and not the takes.
+    """
     events = path.grip if len(path.stops) > 1 else ()  # without a move all events are at the one stop
     grips, fusion = _without_repeats(_grip_at_stops(events, path.t, path.stops)), path.fusion
+    tolerances = [(None, None)] * len(path.stops)
+    if fusion is not None:
+        tolerances[1:] = list(zip(fusion.tolerance_m, fusion.tolerance_rad.tolist(), strict=True))[1:]
     return tuple(
         Keyframe(
             t=stop.middle_s(path.t),
@@ -33,8 +39,8 @@ def find_keyframes(path: HandPath) -> tuple[Keyframe, ...]:
             ),
             cov=path.cov[k],
             grip=grips.get(k),
-            tolerance_m=None if fusion is None else fusion.tolerance_m[k],
-            tolerance_rad=None if fusion is None else float(fusion.tolerance_rad[k]),
+            tolerance_m=tolerances[k][0],
+            tolerance_rad=tolerances[k][1],
             weight=stop.weight,
         )
         for k, stop in enumerate(path.stops)
