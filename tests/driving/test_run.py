@@ -266,9 +266,17 @@ def test_an_arm_that_may_not_hold_is_to_be_supported(emulator: Emulator, words: 
     assert err.splitlines()[-1].endswith(f"; {says}")
 
 
+def test_no_arm_moves_unasked_by_whatever_demonstration_is_the_newest(
+    emulator: Emulator, words: list[str], capsys: Capture
+) -> None:
+    told = refused(capsys, 2, "run", *words, "--port", emulator.device, "--yes")
+    assert "with --yes the arm moves unasked: name the demonstration" in told
+    assert emulator.goals == []
+
+
 def test_an_arm_that_stands_outside_the_model(emulator: Emulator, words: list[str], capsys: Capture) -> None:
     emulator.servos[2].place -= 1400.0
-    told = refused(capsys, 3, "run", *words, "--port", emulator.device, "--yes")
+    told = refused(capsys, 3, "run", "pouring", *words, "--port", emulator.device, "--yes")
     assert "shoulder_lift stands at -135 degrees, outside the model's -100 to 100" in told
     assert emulator.goals == []
 
