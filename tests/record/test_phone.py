@@ -241,6 +241,23 @@ def test_hostile_answers_cost_nothing_but_their_time(phone: Phone, monkeypatch: 
     assert max(abs(x) for sample in samples for x in sample.acc or ()) < 30.0
 
 
+def dripping(handler: Any) -> None:
+    handler.close_connection = True
+    for byte in b"HTTP/1.1 200 OK\r\nX: " + bytes(80):
+        handler.wfile.write(bytes([byte]))
+        time.sleep(0.05)
+
+
+def test_an_answer_whose_header_drips_holds_up_no_recording(phone: Phone, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(phone_port, "ANSWER_S", 0.2)
+    with PhonePort(phone.address) as port:
+        began = time.monotonic()
+        phone.answer = lambda path, query: dripping  # type: ignore[method-assign]
+        while "timed out" not in port.trouble:
+            port.read()
+        assert time.monotonic() - began < 2.0
+
+
 def test_hostile_answers_to_the_first_question_are_no_phone_at_most(phone: Phone) -> None:
     for body in (body for body in HOSTILE if isinstance(body, bytes)):
         phone.body = body

@@ -4,10 +4,11 @@ The phone keeps its samples for minutes (`experiment.BUFFER_ROWS`), so a short l
 """
 
 import http.client
+import socket
 import time
 from contextlib import suppress
 from math import inf
-from typing import Self
+from typing import Any, Self
 from urllib.parse import urlsplit
 
 from pbd.data.paused_clock import PausedClock
@@ -28,6 +29,9 @@ POLL_S = 0.1
 
 ANSWER_S = 4.0
 """Longest time for a whole answer, s."""
+
+SILENT_S = 2.0
+"""Longest time without a byte of an answer, s."""
 
 PATIENCE_S = 30.0
 """Time without a sample after which the phone counts as lost, s. To rejoin a Wi-Fi takes about 10 s."""
@@ -149,9 +153,8 @@ class PhonePort(ByteSource):
 
     def _get(self, path: str) -> bytes:
         """Get an answer's body within ANSWER_S and LONGEST_ANSWER; ValueError: an error status, or too long."""
-        until = time.monotonic() + ANSWER_S
         if self._connection is None:
-            self._connection = http.client.HTTPConnection(self._host, self._port, timeout=2.0)
+            self._connection = _Connection(self._host, self._port, timeout=SILENT_S)
         try:
             self._connection.request("GET", path, headers={"Accept": "application/json"})
             response = self._connection.getresponse()
@@ -160,8 +163,6 @@ class PhonePort(ByteSource):
                 body += piece
                 if len(body) > LONGEST_ANSWER:
                     raise ValueError("an answer without end")
-                if time.monotonic() > until:
-                    raise TimeoutError("timed out")
             response.close()
             if response.status != http.client.OK:
                 raise ValueError(f"status {response.status}")
@@ -176,6 +177,28 @@ class PhonePort(ByteSource):
             with suppress(OSError):
                 self._connection.close()
             self._connection = None
+
+
+class _Connection(http.client.HTTPConnection):
+    """A connection that ends ANSWER_S after a request, also while the answer's header drips."""
+
+    def connect(self) -> None:
+        super().connect()
+        self.sock = _Socket(fileno=self.sock.detach())
+
+
+class _Socket(socket.socket):
+    def sendall(self, *args: Any) -> None:
+        self._until = time.monotonic() + ANSWER_S
+        self.settimeout(SILENT_S)
+        super().sendall(*args)
+
+    def recv_into(self, *args: Any) -> int:
+        left = self._until - time.monotonic()
+        if left <= 0.0:
+            raise TimeoutError("timed out")
+        self.settimeout(min(left, SILENT_S))
+        return super().recv_into(*args)
 
 
 def _host_and_port(address: str) -> tuple[str, int]:
