@@ -123,3 +123,21 @@ def test_nothing_heavy_is_loaded_early() -> None:
 def test_no_unsafe_loading() -> None:
     unsafe = re.compile(r"import pickle|allow_pickle=True|(?<!def )\b(eval|exec)\(")
     assert not [path for path in MODULES if unsafe.search(path.read_text(encoding="utf-8"))]
+
+
+NO_NAMES = {"again", "args.take + 1", "by", "columns", "members", "options", "rate", "separator", "' '.join(takes)"}
+"""What commands in messages contain beside names: numbers, letters, and words that are quoted already."""
+
+
+def test_the_names_in_advised_commands_are_quoted() -> None:
+    """A person pastes them into a shell, which would run a folder that is called `$(command)`."""
+    bare = []
+    for path in MODULES:
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            before = ""
+            for each in node.values if isinstance(node, ast.JoinedStr) else []:
+                if isinstance(each, ast.FormattedValue) and re.search(r"\bpbd (?!run drives)[a-z]+ [^`;]*$", before):
+                    said = ast.unparse(each.value)
+                    bare += [] if said in NO_NAMES or re.search(r"quote\(|shell_word\(", said) else [(path, said)]
+                before += str(each.value) if isinstance(each, ast.Constant) else ""
+    assert not bare

@@ -1,5 +1,6 @@
 """The dock places nav in the robot's base frame. A new dock can be taken from a stop of a demonstration."""
 
+import shlex
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -62,7 +63,7 @@ def nav_in_base(calibration: Calibration, wxyz_nav_sensor: Array) -> Pose:
     if dock is None:
         raise CalibrationError(
             f"the calibration '{calibration.name}' does not say where the hand starts in the robot's base; add a dock: "
-            f"pbd calibrate dock {calibration.name} --position X Y Z --rpy R P Y"
+            f"pbd calibrate dock {shlex.quote(calibration.name)} --position X Y Z --rpy R P Y"
         )
     tilt_deg = np.degrees(dock_tilt(dock, wxyz_nav_sensor))
     if tilt_deg > UPSIDE_DOWN_DEG:  # no yaw is the nearest at half a turn, so any_attitude does not help

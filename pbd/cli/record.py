@@ -112,7 +112,8 @@ def _errors(name: str | None, sensor: str) -> SensorErrors | None:
     if errors is not None:
         refuse_other_sensor("this recording", sensor, errors)
     elif name is not None:
-        warn(f"the calibration '{name}' has no [sensor] to compare with; pbd calibrate sensor {name} DEMO makes one")
+        make = f"pbd calibrate sensor {shlex.quote(name)} DEMO makes one"
+        warn(f"the calibration '{name}' has no [sensor] to compare with; {make}")
     return errors
 
 

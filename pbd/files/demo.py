@@ -125,7 +125,8 @@ def _refuse_without(folder: Path, name: str) -> None:
         inside = min(folder.glob("*/demo.toml"), default=None)
         other = "name another" if inside is None else f"name one that is in it, such as {inside.parent}"
         if inside is None and name == "demo.toml":
-            other = f"if another program recorded it, bring it in with pbd import {folder} NAME; else name another"
+            bring = f"bring it in with pbd import {shlex.quote(str(folder))} NAME"
+            other = f"if another program recorded it, {bring}; else name another"
         raise RecordingError(f"{folder} is not a demonstration: it has no {name}; {other}", path=folder)
 
 

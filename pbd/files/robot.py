@@ -4,6 +4,7 @@ No robot library is imported: limits and names come from the URDF's XML.
 """
 
 import os
+import shlex
 import sys
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
@@ -72,7 +73,7 @@ def read_robot(path: Path, *, draft: bool = False) -> Robot:
 
     fingers, dock, servos, arm = (top.section(name, None) for name in ("gripper", "dock", "servos", "arm"))
     if arm is None and not draft:
-        top.fail("arm", "is missing", f"add it, as `pbd robots --suggest {path}` proposes it")
+        top.fail("arm", "is missing", f"add it, as `pbd robots --suggest {shlex.quote(str(path))}` proposes it")
     gripper = None if fingers is None else read_gripper(fingers, urdf, chain)
     joints = chain if arm is None else _arm_joints(arm, chain)
     joints = [urdf.with_followers(joint.name) for joint in joints]

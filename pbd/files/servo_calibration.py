@@ -2,6 +2,7 @@
 
 import json
 import os
+import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -87,9 +88,9 @@ def find_servo_calibration(named: Path | None, robot: str, robot_type: str) -> P
         return found[0]
     if found:
         what = f"LeRobot has calibrated several arms ({listed(path.stem for path in found)}): name one,"
-        raise CalibrationError(f"{what} --servos {found[0]}", path=folder)
+        raise CalibrationError(f"{what} --servos {shlex.quote(str(found[0]))}", path=folder)
     what = f"no calibration of the servos: there is no {own}, and LeRobot has none in {folder / robot_type}"
-    make = f"make one with `pbd run --calibrate --robot {robot}`"
+    make = f"make one with `pbd run --calibrate --robot {shlex.quote(robot)}`"
     raise CalibrationError(f"{what}; {make}, or name its file with --servos")
 
 

@@ -1,5 +1,6 @@
 """Advise to undo a person's corrections, if these are what brings a keyframe out of reach."""
 
+import shlex
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -37,7 +38,7 @@ def _uncorrected(task: PlanningTask, demo: Demonstration, folder: Path) -> Itera
     if count and path is not None and path.tracking is not None:
         untouched = replace(path, tracking=replace(path.tracking, demo=replace(demo, touch_ups=())))
         which, repeat = ("touch-up", "") if count == 1 else (f"{count} touch-ups", ", once for each")
-        command = f"`pbd touch {shell_word(folder)} --robot {task.robot.name} --undo`{repeat}"
+        command = f"`pbd touch {shell_word(folder)} --robot {shlex.quote(task.robot.name)} --undo`{repeat}"
         yield replace(task, hand_path=untouched), f"undo the {which}", command
     nudged = sum(each.nudge_base_m.any() or each.nudge_tool_m.any() for each in task.keyframes)
     if nudged:

@@ -1,6 +1,7 @@
 """pbd calibrate sensor CALIBRATION DEMO: the sensor's bias, scale, misalignment, hard and soft iron."""
 
 import argparse
+import shlex
 from typing import Any
 
 import numpy as np
@@ -24,7 +25,7 @@ def run(args: argparse.Namespace) -> None:
     with working(f"reading {args.demo}"):
         demo = load_demo(args.demo)
         if demo.takes:
-            again = f"name one of them, or use `pbd fuse TAKE... --save-calibration {args.name}`"
+            again = f"name one of them, or use `pbd fuse TAKE... --save-calibration {shlex.quote(args.name)}`"
             raise CalibrationError(f"{args.demo} is fused from {amount(len(demo.takes), 'take')}; {again}")
         recording, gaps = repair_recording(demo.recording)
     if gaps:

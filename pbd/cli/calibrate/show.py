@@ -1,6 +1,7 @@
 """pbd calibrate show CALIBRATION [DEMO]: print a calibration, and the tool's uncertainty that follows from it."""
 
 import argparse
+import shlex
 from pathlib import Path
 from typing import Any
 
@@ -55,7 +56,7 @@ def _placed(args: argparse.Namespace, calibration: Calibration) -> tuple[str, Ke
         if args.demo is not None:
             say(
                 f"'{calibration.name}' does not say where the hand starts, so the tool's uncertainty is unknown; add a "
-                f"dock: pbd calibrate dock {args.name} --position X Y Z --rpy R P Y"
+                f"dock: pbd calibrate dock {shlex.quote(args.name)} --position X Y Z --rpy R P Y"
             )
         return None
     try:
@@ -67,7 +68,7 @@ def _placed(args: argparse.Namespace, calibration: Calibration) -> tuple[str, Ke
             raise
         say(
             f"what each part adds to the tool's uncertainty is left out: {reason}; or name another demonstration: "
-            f"pbd calibrate show {args.name} DEMO"
+            f"pbd calibrate show {shlex.quote(args.name)} DEMO"
         )
         return None
 

@@ -1,6 +1,7 @@
 """pbd run [DEMO] --robot R --port P: drive the arm, calibrate its servos, or let go of it."""
 
 import argparse
+import shlex
 import sys
 import time
 from contextlib import AbstractContextManager, nullcontext
@@ -42,9 +43,10 @@ def run(args: argparse.Namespace) -> int:
     if robot.servos is None:
         name, program = EXPORTS_FOR_OTHER_ARMS.get(robot.name, ("ros2-json", "ros2_control"))
         file = f"motion.{'json' if name == 'ros2-json' else name}"
+        options = f"--robot {shlex.quote(args.robot)} --format {name} -o {file}"
         raise UsageError(
-            f"pbd run drives {' and '.join(DRIVEN)} alone; for {robot.name}: `pbd export DEMO --robot {args.robot} "
-            f"--format {name} -o {file}`, and {program} as in docs/exports.md, 'Programs that drive the arms'"
+            f"pbd run drives {' and '.join(DRIVEN)} alone; for {robot.name}: `pbd export DEMO {options}`, and "
+            f"{program} as in docs/exports.md, 'Programs that drive the arms'"
         )
     if args.calibrate:
         _calibrate_servos(args, robot)

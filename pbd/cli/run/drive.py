@@ -2,6 +2,7 @@
 
 import argparse
 import math
+import shlex
 import signal
 import sys
 import time
@@ -152,7 +153,7 @@ def _report_end(
     done: StreamResult, monitor: MotionMonitor, encoders: Encoders, args: argparse.Namespace, device: str
 ) -> int:
     """Say how the motion ended; return the exit code."""
-    lets_go = f"`pbd run --release --robot {args.robot} --port {device}` lets go of it"
+    lets_go = f"`pbd run --release --robot {shlex.quote(args.robot)} --port {shlex.quote(device)}` lets go of it"
     holds = f"the arm holds where it stopped; {lets_go}"
     if not done.held:
         holds = "its servos did not confirm that they hold: support the arm, switch their power off if it still moves"
