@@ -1,7 +1,6 @@
 """pbd robots [R]: list the robots, or show one; rank them by a demonstration; suggest a home and a dock for one."""
 
 import argparse
-import json
 from dataclasses import replace
 from typing import Any
 
@@ -17,7 +16,7 @@ from pbd.arm.model import ArmModel, load_model
 from pbd.cli.common import load_demonstration, named_calibration, print_result, track_demonstration
 from pbd.cli.console import print_json, say, working
 from pbd.data import HandPath
-from pbd.errors import PbdError, RobotError, UsageError, collected_warnings, warn
+from pbd.errors import PbdError, RobotError, UsageError, collected_warnings, one_line, warn
 from pbd.files.find_by_name import names
 from pbd.files.robot import load_robot, read_robot
 from pbd.planning import arm_of, load_robot_and_calibration, plan_path
@@ -173,10 +172,10 @@ def _suggest_home_and_dock(args: argparse.Namespace) -> None:
         warned = list(dict.fromkeys(args.warnings))  # the search may repeat what was said before it
         print_json({"robot": robot.name, "demo": name, **sections, "weighed": reasons, "warnings": warned})
     else:
-        print("# In place of [arm] and [dock].")
-        for section, items in sections.items():
-            print(f"[{section}]", *(f"{key} = {json.dumps(value)}" for key, value in items.items()), "", sep="\n")
-        print(*(f"# {sentence}." for sentence in reasons), sep="\n")
+        import tomlkit
+
+        print("# In place of [arm] and [dock].", tomlkit.dumps(sections), sep="\n")
+        print(*(f"# {one_line(sentence)}." for sentence in reasons), sep="\n")
 
 
 def _sections(found: Suggestion) -> dict[str, Any]:

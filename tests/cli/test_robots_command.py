@@ -68,7 +68,10 @@ def guide(elsewhere: Path) -> str:
 
 
 def test_what_is_suggested_replays_as_it_says(capsys: Capture, guide: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Names of joints that would break out of a comment or a string of TOML stay in it."""
     monkeypatch.setattr("pbd.planning.suggest_dock.DOCKS", 5)
+    named = own_urdf().replace('name="joint', 'name="&#10;[evil]&#10;\N{ROBOT FACE}')
+    TOML.with_suffix(".urdf").write_text(named, encoding="utf-8")
     bare = guide.split("[arm]")[0] + "[gripper]" + guide.split("[gripper]")[1].split("[dock]")[0]
     TOML.write_text(bare, encoding="utf-8")
     code, lines, _ = run(capsys, "robots", "--suggest", TOML, "--for", "paper-test2")
