@@ -4,6 +4,7 @@ import errno
 import fcntl
 import itertools
 import os
+import secrets
 import shutil
 import unicodedata
 from collections.abc import Callable, Iterable, Iterator
@@ -17,8 +18,6 @@ DELETED = "the folder that you are in has been deleted; go to another"
 
 DEMONSTRATION_FILES = ("demo.toml", "imu.csv", "truth.csv", "keyframes.toml", "points.csv", "raw.bin")
 """Files of a demonstration's folder. No command's result may replace one of them."""
-
-_COUNTER = itertools.count()
 
 is_file, is_folder, exists = os.path.isfile, os.path.isdir, os.path.exists
 """Tests for a regular file, a folder, or anything. Unlike pathlib's, they return False for a name that is too long."""
@@ -216,8 +215,11 @@ def lock_folder(folder: Path) -> Iterator[None]:
 
 @contextmanager
 def _temporary(target: Path) -> Iterator[Path]:
-    """Yield a free path beside `target`; remove whatever is there at the end."""
-    path = target.parent / f".pbd-{os.getpid()}-{next(_COUNTER)}.tmp"  # target's name plus a suffix may be too long
+    """Yield a free path beside `target`; remove whatever is there at the end.
+
+    Nobody can guess it: in a folder that others may write to, a link to a file of the user's could wait there.
+    """
+    path = target.parent / f".pbd-{secrets.token_hex(16)}.tmp"  # target's name plus a suffix may be too long
     try:
         yield path
     finally:

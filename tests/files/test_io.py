@@ -16,7 +16,7 @@ from pbd.files.importers import import_file
 from pbd.files.points import read_points
 from pbd.files.table import open_sheet
 from pbd.io import meshes
-from pbd.io.atomic import refuse_file
+from pbd.io.atomic import refuse_file, write_text
 from pbd.io.meshes import mesh_file
 from pbd.io.numbers import number, seconds
 from pbd.io.read_file import read_bytes
@@ -184,3 +184,12 @@ def test_a_small_collada_file_that_shows_one_geometry_a_billion_times(
     (tmp_path / "a.dae").write_text(text.replace('"n"', '"n30"').replace('"#n"', '"#n0"'), encoding="utf-8")
     with pytest.raises(RobotError, match="more than 200 nodes"):
         read_mesh(tmp_path / "a.dae")
+
+
+def test_no_link_that_waits_in_a_shared_folder_is_written_through(tmp_path: Path) -> None:
+    """The temporary name was once made of the process's number and a counter, which others can guess."""
+    (secret := tmp_path / "secret").write_text("kept", encoding="utf-8")
+    for guess in range(1000):
+        (tmp_path / f".pbd-{os.getpid()}-{guess}.tmp").symlink_to(secret)
+    write_text(tmp_path / "file", "other")
+    assert secret.read_text(encoding="utf-8") == "kept"
