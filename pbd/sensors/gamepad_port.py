@@ -32,7 +32,8 @@ def find_gamepads() -> dict[str, tuple[str, str | None]]:
     for file in sorted(SYSFS_INPUT.glob("event*/device/name")):
         with suppress(OSError):
             pad = (file.parent / "device").resolve()  # shared by the input devices of one pad, and by no others
-            names[f"/dev/input/{file.parts[-3]}"] = file.read_text(encoding="utf-8").strip(), pad
+            name = file.read_text(encoding="utf-8", errors="replace").strip()  # over Bluetooth, any bytes
+            names[f"/dev/input/{file.parts[-3]}"] = name, pad
     found = {}
     for device, (name, pad) in names.items():
         if match := MOTION_SENSORS_NAME.fullmatch(name):

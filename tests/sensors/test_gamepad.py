@@ -192,7 +192,7 @@ def test_a_stick_does_not_move_the_sensor(tmp_path: Path) -> None:
 
 
 def test_the_buttons_are_those_of_the_same_pad(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Two pads of one name: /sys tells which input devices are one pad's."""
+    """Two pads of one name: /sys tells which input devices are one pad's. Another device's name may be any bytes."""
     monkeypatch.setattr(gamepad_port, "SYSFS_INPUT", tmp_path / "class")
     for number, pad, end in ((3, "A", ""), (4, "A", " Motion Sensors"), (5, "B", ""), (6, "B", " Motion Sensors")):
         (tmp_path / pad).mkdir(exist_ok=True)
@@ -200,6 +200,8 @@ def test_the_buttons_are_those_of_the_same_pad(tmp_path: Path, monkeypatch: pyte
         device.mkdir(parents=True)
         (device / "name").write_text(f"DualSense{end}\n")
         (device / "device").symlink_to(tmp_path / pad)
+    (other := tmp_path / "class" / "event7" / "device").mkdir(parents=True)
+    (other / "name").write_bytes(b"M\xfcller")
     found = gamepad_port.find_gamepads()
     assert found == {
         "/dev/input/event4": ("DualSense", "/dev/input/event3"),
