@@ -1,11 +1,14 @@
 """Caches: on disk, in the user's cache folder, for slow results that depend on files alone; in memory by thread.
 
-Each cache file holds the SHA-256 of its content, then an .npz. A damaged file fails the check and counts as absent.
-Files are written atomically, so several processes may write the same one. A folder that is not writable is no error.
+Each cache file holds the SHA-256 of its key and content, then an .npz. A file that is damaged, or that another user may
+have written, counts as absent: collisions are checked with what is in it. Files are written atomically, so several
+processes may write the same one. A folder that is not writable is no error.
 """
 
 import hashlib
 import io
+import os
+import stat
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from functools import lru_cache, wraps
@@ -29,13 +32,15 @@ _DIGEST_BYTES = hashlib.sha256().digest_size
 
 
 def recall(kind: str, key: str) -> dict[str, NDArray[Any]] | None:
-    """Load arrays by kind ("hulls") and key (a hash of the inputs); None where they are absent or damaged."""
+    """Load arrays by kind ("hulls") and key (a hash of the inputs); None where they are absent or not to be trusted."""
     try:
-        stored = _cache_file(kind, key).read_bytes()
+        with _cache_file(kind, key).open("rb") as file:
+            status, stored = os.fstat(file.fileno()), file.read()
     except OSError:
         return None
     digest, content = stored[:_DIGEST_BYTES], stored[_DIGEST_BYTES:]
-    if hashlib.sha256(content).digest() != digest:
+    others = status.st_uid != os.geteuid() or status.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
+    if others or hashlib.sha256(key.encode() + content).digest() != digest:
         return None
     with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
         return dict(arrays)
@@ -46,7 +51,8 @@ def remember(kind: str, key: str, arrays: Mapping[str, Any]) -> None:
     content = io.BytesIO()
     np.savez(content, **arrays)
     with suppress(PbdError), atomic_file(_cache_file(kind, key), parents=True) as file:
-        file.write_bytes(hashlib.sha256(content.getvalue()).digest() + content.getvalue())
+        file.write_bytes(hashlib.sha256(key.encode() + content.getvalue()).digest() + content.getvalue())
+        file.chmod(0o600)
 
 
 def _cache_file(kind: str, key: str) -> Path:

@@ -202,6 +202,25 @@ class TestCache:
             self.area()
         assert not [path for path in self.folder.rglob("*") if path.is_file()]
 
+    @pytest.mark.parametrize("by", ["its owner", "its mode", "another key's name"])
+    def test_what_another_user_may_have_written_is_computed_again(
+        self, by: str, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        """Collisions are checked with what the cache holds."""
+        self.area(), self.area(2.0)
+        first, second = self.folder.rglob("*.npz")
+        if by == "its owner":
+            monkeypatch.setattr("os.geteuid", lambda: first.stat().st_uid + 1)
+        elif by == "its mode":
+            first.chmod(0o660)
+            second.chmod(0o666)
+        else:
+            other = first.rename(self.folder / "other")
+            second.rename(first)
+            other.rename(second)
+        assert [self.area(), self.area(2.0)] == [1.0, 2.0]
+        assert self.made == 4
+
     def test_a_cache_that_cannot_be_written_is_ignored(self) -> None:
         self.folder.write_text("a file where the folder should be")
         assert [self.area(), self.area()] == [1.0, 1.0]
