@@ -2,6 +2,7 @@
 
 import csv
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -9,9 +10,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from pbd.files.exporters import export
 from pbd.pose import Pose
 from tests.arm.bundled import arm_of, path_of
-from tests.files.planned_motions import written
+from tests.files.planned_motions import planned, written
 
 ARMS = ("panda", "ur5")
 
@@ -45,6 +47,14 @@ def test_keyframes_as_csv_have_the_same_numbers(tmp_path: Path) -> None:
         numbers = [row["t_s"], row["dwell_s"], *row["joints"], *row["base_position_m"], *row["base_wxyz"]]
         told = [value for key, value in line.items() if key not in ("index", "grip", "label")]
         assert [float(value) for value in told] == numbers
+
+
+def test_a_keyframe_is_one_line_of_the_csv_whatever_its_label(tmp_path: Path) -> None:
+    plan, robot, source = planned("ur5", "pouring")
+    named = replace(source, keyframes=[replace(each, label="a\rb\x1b[2J") for each in source.keyframes])
+    export(plan.trajectory, robot, "keyframes", tmp_path / "k.csv", source=named)
+    with (tmp_path / "k.csv").open(newline="") as file:
+        assert {line["label"] for line in csv.DictReader(file)} == {r"a b\x1b[2J"}
 
 
 def read_tum(path: Path) -> Any:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from pbd.data import Samples
+from pbd.errors import one_line
 from pbd.files.exporters.export_request import ExportRequest
 
 
@@ -17,7 +18,10 @@ def samples(request: ExportRequest) -> Samples:
 
 
 def write(request: ExportRequest, points: Samples, path: Path) -> None:
-    """Write keyframes with the keys of `pbd keyframes --json --robot R`; the pose is computed from the joints."""
+    """Write keyframes with the keys of `pbd keyframes --json --robot R`; the pose is computed from the joints.
+
+    A keyframe is one line of the CSV: control characters in names become spaces or escapes.
+    """
     names, q = request.trajectory.joint_names, request.trajectory.keyframe_q
     p, wxyz = request.source.tool(q)
     rows: list[dict[str, Any]] = []
@@ -38,8 +42,10 @@ def write(request: ExportRequest, points: Samples, path: Path) -> None:
     with path.open("w", encoding="utf-8", newline="") as file:
         table = csv.writer(file, lineterminator="\n")
         scalars = ("index", "t_s", "dwell_s", "grip", "label")
-        table.writerow((*scalars, *(f"q_{name}" for name in names), *"xyz", *(f"q{axis}" for axis in "wxyz")))
+        joints = (f"q_{one_line(name)}" for name in names)
+        table.writerow((*scalars, *joints, *"xyz", *(f"q{axis}" for axis in "wxyz")))
         for row in rows:
+            row["label"] = one_line(row["label"])
             row["grip"] = {None: "", True: "closes", False: "opens"}[row["grip"]]
             values = (row[key] for key in scalars)
             table.writerow((*values, *row["joints"], *row["base_position_m"], *row["base_wxyz"]))
