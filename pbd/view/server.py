@@ -80,7 +80,7 @@ class LiveViewer:
         # A foreign page whose host name resolves to 127.0.0.1 gets nothing (DNS rebinding).
         hosts = r"(127\.0\.0\.1|localhost)"
         app.add_handlers(hosts, [(r"/pbd", _Page, {"page": page}), (r"/", _Socket, {"viewer": self})])
-        server = HTTPServer(app)
+        server = HTTPServer(app, max_body_size=0)  # else any page of the browser may send 100 MB at a time, to be kept
         server.add_sockets(sockets)
         self._loop.run_forever()
         server.stop()

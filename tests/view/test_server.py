@@ -119,6 +119,13 @@ def test_other_pages_get_no_socket(viewer: LiveViewer, origin: str | None, host:
     assert ask(viewer.url, "/", Host=host.format(port=port), **HANDSHAKE, **asked_by).status == status
 
 
+def test_nothing_that_a_page_sends_is_kept(viewer: LiveViewer) -> None:
+    """Any page in the same browser may post without asking: the server closes before the 100 MB have come."""
+    with socket.create_connection(("127.0.0.1", urlsplit(viewer.url).port), timeout=60) as post:
+        post.sendall(b"POST /pbd HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Length: 100000000\r\n\r\n")
+        assert b"400" in post.recv(100)
+
+
 def test_it_ends_though_a_page_was_sent_nothing_yet() -> None:
     viewer = LiveViewer()
     address = urlsplit(viewer.url).netloc
