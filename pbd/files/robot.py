@@ -60,6 +60,8 @@ def read_robot(path: Path, *, draft: bool = False) -> Robot:
     top = read_toml(path, RobotError)
     top.require_format()
     name, description, notes = top.text("name"), top.text("description"), top.texts("notes", ())
+    if "/" in name:
+        top.fail("name", "must have no slash: files are named after it")
 
     model, shares = top.section("model"), _example_robot_data()
     urdf = read_urdf(_find(model, "urdf", shares))

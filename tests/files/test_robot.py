@@ -164,6 +164,7 @@ def test_the_docks_options(folder: Path) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
+        ('name = "mine"', 'name = "../mine"', ":2: name must have no slash: files are named after it; correct it"),
         ("jerk", "jrek", ": [limits] jerk is missing (there is 'jrek'); add it"),
         ("jerk = [100, 200]", "jerk = [100, 200]\njrek = 1",
          ":24: [limits] jrek is unknown; the keys here are source, velocity, acceleration, acceleration_source, jerk,"
