@@ -64,7 +64,8 @@ def _echoed(text: str) -> dict[str, list[object]] | None:
     found: dict[str, list[object]] = {}
     for part in (NAME, POSITION):
         block = re.search(rf"(?m)^{part}:.*\n((?:[- ].*(?:\n|\Z))*)", message)
-        found[part] = [_value(word) for word in re.findall(r"(?m)^- *(.*?) *$", block[1])] if block else []
+        lines = block[1].split("\n") if block else []
+        found[part] = [_value(line[1:].strip(" ")) for line in lines if line.startswith("-")]
     return found if found[NAME] else None
 
 

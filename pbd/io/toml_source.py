@@ -68,8 +68,9 @@ class TomlSource:
                 section = header[1]
                 headers[section, count[section]] = number
                 count[section] += 1
-            elif key := re.match(r"""\s*["']?([^"'=]*?)["']?\s*=""", line):
-                keys.setdefault((section, max(0, count[section] - 1), key[1]), number)
+            elif "=" in line:
+                key = line.partition("=")[0].strip().strip("\"'")
+                keys.setdefault((section, max(0, count[section] - 1), key), number)
         return keys, headers
 
 

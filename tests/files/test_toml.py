@@ -1,5 +1,6 @@
 """What holds of every TOML file: strict keys and types, and each fault told with its line."""
 
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -7,6 +8,7 @@ import pytest
 
 from pbd.errors import CalibrationError, PbdError
 from pbd.files.calibration import read_calibration
+from pbd.files.joint_state import read_joints
 from pbd.files.keyframes import read_keyframes
 from pbd.files.robot import read_robot
 from pbd.io.toml import Section, read_toml
@@ -211,3 +213,15 @@ def test_values_that_are_refused(tmp_path: Path, call: str, value: str, message:
     with pytest.raises(CalibrationError) as caught:
         getattr(read_toml(path, CalibrationError), call)("a", *[2] * (call == "numbers"))
     assert caught.value.message == f"{path}:1: a {message}; correct it"
+
+
+def test_spaces_cost_time_in_proportion(tmp_path: Path) -> None:
+    """A pattern that tries each way to share them out takes seconds for these."""
+    (path := tmp_path / "file.toml").write_text(f"a = 1\n{' ' * 1600}\n", encoding="utf-8")
+    (message := tmp_path / "message").write_text(f"name:\n- x{' ' * 60_000}y\n", encoding="utf-8")
+    began = time.process_time()
+    with pytest.raises(CalibrationError, match="a is unknown"):
+        read_toml(path, CalibrationError).refuse_unread()
+    with pytest.raises(PbdError, match="lists of one length"):
+        read_joints(str(message), ("elbow",))
+    assert time.process_time() - began < 1.0
