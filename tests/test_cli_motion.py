@@ -2,6 +2,7 @@
 
 import json
 import re
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,6 +12,7 @@ import pytest
 from pbd.arm.tool_deviation import ToolDeviation
 from pbd.cli.plan_report import remarks
 from pbd.files.demo import load_demo
+from pbd.files.find_by_name import bundled
 from pbd.files.robot import load_robot
 from pbd.pipeline import track
 from pbd.planning import plan_path
@@ -228,6 +230,22 @@ def test_a_motion_without_a_table_says_that_none_is_checked(capsys: Capture, els
     code, out, err = run(capsys, *command)
     assert (code, json.loads(out)["warnings"]) == (0, [])
     assert "pbd: checked against a table whose top is at -0.500 m in base (table_height)\n" in err
+
+
+def test_a_robot_that_hides_a_bundled_one_is_told_once(capsys: Capture, elsewhere: Path) -> None:
+    Path("robots").mkdir()
+    for name in ("panda", "mine"):
+        shutil.copy(bundled("robots") / "panda.toml", f"robots/{name}.toml")
+    for name, count in (("panda", 1), ("mine", 0)):
+        _, _, err = run(capsys, "export", "pouring", "--robot", name, "-o", "out.csv")
+        assert err.count("pbd: robots/panda.toml hides the bundled robot of that name\n") == count
+    files = {row["name"]: row["file"] for row in run_json(capsys, "robots")["robots"]}
+    assert {name: files[name] for name in ("mine", "panda", "ur5")} == {
+        "mine": "robots/mine.toml",
+        "panda": "robots/panda.toml",
+        "ur5": "bundled",
+    }
+    assert run(capsys, "robots", "panda")[1].splitlines()[0].split()[-1] == "file"
 
 
 def test_no_retreat_and_no_approach(capsys: Capture) -> None:

@@ -11,7 +11,10 @@ from rich.table import Table
 
 from pbd.check_demos import DemoCheck, check_all
 from pbd.cli.common import print_result, without_aside
+from pbd.cli.console import say
 from pbd.errors import RecordingError, listed
+from pbd.files.robot import load_robot
+from pbd.planning.result import robot_remark
 from pbd.view.safe_console import SafeConsole
 from pbd.view.terminal_tables import make_table
 from pbd.view.units import Units
@@ -23,6 +26,8 @@ MOST_REMARKS = 2
 def run(args: argparse.Namespace) -> None:
     """Check the demonstrations, print those that need a look first, and fail if one is unusable."""
     demos = without_aside(args.demos)
+    if args.robot and (remark := robot_remark(load_robot(args.robot))):
+        say(remark)
     columns = ("checking", BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=SafeConsole(sys.stderr), transient=True, disable=not sys.stderr.isatty()) as bar:
         task = bar.add_task("", total=len(demos))

@@ -17,7 +17,7 @@ from pbd.data import Calibration, Demonstration, HandPath, Keyframe, Robot
 from pbd.errors import RecordingError, SensorError, UsageError, amount, listed
 from pbd.files.calibration import load_calibration
 from pbd.files.demo import demo_folder, load_demo, newest_demo, write_demo
-from pbd.files.find_by_name import bundled, names
+from pbd.files.find_by_name import hides_bundled
 from pbd.files.keyframes import KEYFRAMES_FILE, write_keyframes
 from pbd.files.set_aside_demos import is_set_aside
 from pbd.io.atomic import atomic_file, is_file, refuse_file
@@ -60,9 +60,7 @@ def without_aside(names: Sequence[str]) -> list[str]:
 
 def say_if_hiding_bundled(folder: Path) -> None:
     """Say so if the demonstration in this folder hides a bundled one of its name."""
-    hidden = bundled("demos") / folder.name
-    known = names("demos", bundled("demos"))
-    if folder.parent == Path("demos") and folder.name in known and folder.resolve() != hidden:
+    if hides_bundled("demos", folder):
         say(f"{folder} hides the bundled demonstration of that name")
 
 

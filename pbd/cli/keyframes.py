@@ -35,7 +35,7 @@ from pbd.io.numbers import LARGEST_NUDGE_M
 from pbd.io.toml import SMALLEST_POSITIVE
 from pbd.planning import arm_of, load_robot_and_calibration, solve_keyframes
 from pbd.planning.object_frames import keyframes_of_things, refuse_unknown_things
-from pbd.planning.result import place_remark, size_remark
+from pbd.planning.result import place_remark, robot_remark, size_remark
 from pbd.pose import Array, Pose
 from pbd.view.calibration_tables import base_table
 from pbd.view.terminal_tables import joints_table, keyframes_table
@@ -65,8 +65,8 @@ def run(args: argparse.Namespace) -> None:
     if robot is not None and calibration is not None:
         solved = solve_keyframes(robot, keyframes, calibration, plan_options(args, robot), path)
         below += _add_joints(args, rows, robot, *solved)
-        remarks = place_remark(robot, calibration, args.calibration), size_remark(robot, calibration, args.scale)
-        for remark in filter(None, remarks):
+        placing = place_remark(robot, calibration, args.calibration), size_remark(robot, calibration, args.scale)
+        for remark in filter(None, (robot_remark(robot), *placing)):
             say(remark)
     result = {
         "demo": demo.recording.info.name,

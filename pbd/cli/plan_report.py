@@ -8,7 +8,7 @@ from pbd.calibration.dock import dock_tilt
 from pbd.cli.console import working
 from pbd.data import Load
 from pbd.planning import Plan, can_plan
-from pbd.planning.result import place_remark, size_remark, table_remark
+from pbd.planning.result import place_remark, robot_remark, size_remark, table_remark
 
 STRAY_M = 0.01
 """Smallest distance of the tool from a straight line, m, that is reported."""
@@ -43,10 +43,11 @@ def remarks(plan: Plan, calibration: str | None) -> list[str]:
 
 
 def whole_motion_remarks(plan: Plan, calibration: str | None) -> list[str]:
-    """Return the remarks on the motion as a whole: its place, size, table, torques."""
+    """Return the remarks on the motion as a whole: the robot's file, its place, size, table, torques."""
     placed = place_remark(plan.robot, plan.calibration, calibration)
     size = size_remark(plan.robot, plan.calibration, plan.options.scale)
-    return [*filter(None, (placed, size, table_remark(plan.calibration))), torque_remark(plan)]
+    found = robot_remark(plan.robot), placed, size, table_remark(plan.calibration), torque_remark(plan)
+    return list(filter(None, found))
 
 
 def torque_remark(plan: Plan) -> str:

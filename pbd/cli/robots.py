@@ -17,7 +17,7 @@ from pbd.cli.common import load_demonstration, named_calibration, print_result, 
 from pbd.cli.console import print_json, say, working
 from pbd.data import HandPath
 from pbd.errors import PbdError, RobotError, UsageError, collected_warnings, one_line, warn
-from pbd.files.find_by_name import names
+from pbd.files.find_by_name import names, origin
 from pbd.files.robot import load_robot, read_robot
 from pbd.planning import arm_of, load_robot_and_calibration, plan_path
 from pbd.planning.preconditions import warn_of_frames
@@ -47,7 +47,8 @@ def _list_robots(args: argparse.Namespace) -> None:
         if args.robot:
             rows[0]["collision"] = _collision(arms[0])
             warn_of_frames(arms[0])
-    table = robots_table([arm.robot for arm in arms], [row["reach_m"] for row in rows], args.units)
+    files = [row["file"] for row in rows]
+    table = robots_table([arm.robot for arm in arms], [row["reach_m"] for row in rows], files, args.units)
     if not print_result(args, {"robots": rows}, table):
         return
     if not args.robot:
@@ -92,6 +93,7 @@ def _row(arm: ArmModel) -> dict[str, Any]:
         "payload_source": robot.payload_source,
         "notes": list(robot.notes),
         "license": robot.license,
+        "file": robot.file and origin("robots", robot.file),
     }
 
 

@@ -16,7 +16,7 @@ from pbd.files.keyframes import KEYFRAMES_FILE
 from pbd.files.keyframes_edit import add_touch_up, undo_touch_up
 from pbd.io.numbers import LARGEST_NUDGE_M
 from pbd.planning import load_robot_and_calibration
-from pbd.planning.result import place_remark
+from pbd.planning.result import place_remark, robot_remark
 from pbd.plots.findings import OFF_SIGMAS
 from pbd.pose import quat_inverse, quat_rotate
 from pbd.view.terminal_tables import make_table
@@ -47,7 +47,7 @@ def run(args: argparse.Namespace) -> None:
     else:
         add_touch_up(file, added)
         touch_ups = (*demo.touch_ups, added)
-    if remark := place_remark(robot, calibration, args.calibration):
+    for remark in filter(None, (robot_remark(robot), place_remark(robot, calibration, args.calibration))):
         say(remark)  # base's axes are those of --by
     _report(args, placed, before, touched_up(placed, touch_ups))
     if not touch_ups:

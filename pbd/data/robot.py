@@ -142,6 +142,7 @@ class Robot(Frozen):
         may_touch: pairs of links that touch by design, so they are not checked against each other.
         mimic_joints: joints beside the arm that move with its joints.
         payload_kg: the rated payload, kg, or None. `payload_source` says who rates it.
+        file: the TOML file that it was read from, or None.
     """
 
     name: str
@@ -164,6 +165,7 @@ class Robot(Frozen):
     mimic_joints: tuple[MimicJoint, ...] = ()
     payload_kg: float | None = None
     payload_source: str = ""
+    file: Path | None = None
 
     def __post_init__(self) -> None:
         freeze_tuples(self, package_dirs=Path, joints=str, notes=str, may_touch=tuple, mimic_joints=MimicJoint)

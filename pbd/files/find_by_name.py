@@ -23,6 +23,17 @@ def names(kind: str, *folders: Path) -> list[str]:
     return sorted({entry.name.removesuffix(SUFFIXES[kind]) for entry in entries})
 
 
+def origin(kind: str, path: Path) -> str:
+    """Return where a file or folder of a kind comes from: "bundled", or its path."""
+    return "bundled" if path.resolve().parent == bundled(kind).resolve() else str(path)
+
+
+def hides_bundled(kind: str, path: Path) -> bool:
+    """Whether a file or folder of the user's own folder is used in place of a bundled one of its name."""
+    hidden = any(entry.name == path.name for entry in _entries(bundled(kind), kind))
+    return path.parent == Path(kind) and hidden and origin(kind, path) != "bundled"
+
+
 def find(kind: str, name: str | Path, error: type[PbdError]) -> Path:
     """Find a name in ./KIND, then among the bundled ones, then as a path; `error` lists the valid names."""
     what = {"demos": "demonstration", "robots": "robot"}.get(kind, kind)

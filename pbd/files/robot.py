@@ -110,6 +110,7 @@ def read_robot(path: Path, *, draft: bool = False) -> Robot:
         mimic_joints=tuple(mimic_joints.values()),
         payload_kg=limited.number("payload_kg", None, positive=True),
         payload_source=limited.text("payload_source") if "payload_kg" in limited else "",
+        file=path,
     )
     if not draft:
         top.refuse_unread()

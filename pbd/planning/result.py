@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from pbd.data import Calibration, Demonstration, GraspedObject, HandPath, JointTrajectory, Keyframe, Robot
 from pbd.data.one_line_repr import brief
 from pbd.errors import PlanError, amount, warn
+from pbd.files.find_by_name import hides_bundled
 from pbd.planning.options import PlanOptions
 from pbd.pose import Array, Pose
 
@@ -96,6 +97,12 @@ class Plan:
     def __repr__(self) -> str:
         touches = "" if self.touching is None else "touches something"
         return brief(self, repr(self.trajectory), touches)
+
+
+def robot_remark(robot: Robot) -> str:
+    """Return that a robot's file, of the working folder, is used in place of a bundled one; "" if it isn't."""
+    hides = robot.file is not None and hides_bundled("robots", robot.file)
+    return f"{robot.file} hides the bundled robot of that name" if hides else ""
 
 
 def place_remark(robot: Robot, calibration: Calibration, named: str | None) -> str:

@@ -172,15 +172,16 @@ def joints_table(
     return make_table(*columns, rows=zip(*columns.values(), strict=True))
 
 
-def robots_table(robots: Sequence[Robot], reach_m: Sequence[float], units: Units) -> Table:
-    """Robots: name, number of joints, reach, gripper, assumed limits, description."""
-    words = ("gripper", "assumed limits", "what it is")
+def robots_table(robots: Sequence[Robot], reach_m: Sequence[float], files: Sequence[str], units: Units) -> Table:
+    """Robots: name, number of joints, reach, gripper, assumed limits, description; the file of one not bundled."""
+    own = ["" if file == "bundled" else file for file in files]
+    words = ("gripper", "assumed limits", "what it is", *(("file",) if any(own) else ()))
     rows = []
-    for robot, reach in zip(robots, reach_m, strict=True):
+    for robot, reach, file in zip(robots, reach_m, own, strict=True):
         gripper = "none" if robot.gripper is None else ", ".join(robot.gripper.joints) or "not in the model"
         assumed = ", ".join(robot.limits.assumed) or "none"
         size = str(len(robot.joints)), *units.lengths(reach, finer=-1)
-        rows.append((robot.name, *size, gripper, assumed, robot.description))
+        rows.append((robot.name, *size, gripper, assumed, robot.description, *((file,) if any(own) else ())))
     return make_table("name", "joints", f"reach ({units.length})", *words, left=("name", *words), rows=rows)
 
 

@@ -16,6 +16,7 @@ from pbd.files.calibration import load_calibration
 from pbd.files.calibration_edit import calibration_to_update, pose_values, update_calibration
 from pbd.files.demo import load_demo
 from pbd.files.robot import load_robot
+from pbd.planning.result import robot_remark
 from pbd.pose import Array, Pose, quat_to_rpy
 from pbd.tracking.keyframes import keyframes_of
 
@@ -29,6 +30,8 @@ def run(args: argparse.Namespace) -> None:
     if not args.force:
         keep_other_start(path, calibration, "dock")
     robot = load_robot(args.robot) if args.robot else None
+    if robot is not None and (remark := robot_remark(robot)):
+        say(remark)
     T_base_dock, of_pose, source = _pose(args, robot, calibration)
     tool = T_base_dock @ calibration.T_sensor_tool
     if robot is not None:
