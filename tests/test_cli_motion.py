@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import pbd
 from pbd.arm.tool_deviation import ToolDeviation
 from pbd.cli.plan_report import remarks
 from pbd.files.demo import load_demo
@@ -246,6 +247,19 @@ def test_a_robot_that_hides_a_bundled_one_is_told_once(capsys: Capture, elsewher
         "ur5": "bundled",
     }
     assert run(capsys, "robots", "panda")[1].splitlines()[0].split()[-1] == "file"
+
+
+def test_the_json_says_what_the_motion_was_made_from(capsys: Capture, elsewhere: Path) -> None:
+    bundled_ones = {"robot": "bundled", "calibration": "panda's own dock", "demo": "bundled"}
+    made = run_json(capsys, "export", "paper-test1", *PANDA, "--speed", "0.5", "-o", "out.csv")["made_from"]
+    assert made == {"pbd": pbd.__version__, **bundled_ones, "options": {"speed": 0.5}}
+    shutil.copytree(bundled("demos") / "paper-test1", "demos/tea")
+    shutil.copy(bundled("robots") / "panda.toml", "mine.toml")
+    shutil.copy(bundled("calibration") / "default.toml", "bench.toml")
+    own = {"robot": "mine.toml", "calibration": "bench.toml", "demo": "demos/tea"}
+    words = [word for name in ("robot", "calibration") for word in (f"--{name}", own[name])]
+    made = run_json(capsys, "replay", "tea", *words, "--html", "out.html")["made_from"]
+    assert made == {"pbd": pbd.__version__, **own, "options": {}}
 
 
 def test_no_retreat_and_no_approach(capsys: Capture) -> None:

@@ -58,7 +58,7 @@ def run(args: argparse.Namespace) -> None:
         say(f"episode{'s' if len(done) > 1 else ''} {numbers} (lerobot-replay --dataset.episode={done[0].episode})")
         say(f"lerobot-replay jumps to the first frame, so bring the arm there before: {first}")
     if args.json:
-        results = [_json(args, format_name, *each) for each in zip(plans, done, strict=True)]
+        results = [_json(args, format_name, *each) for each in zip(args.demos or [None], plans, done, strict=True)]
         print_json({"episodes": results} if format_name in DATASETS else results[0])
     return None
 
@@ -97,9 +97,9 @@ def _say_remarks(plans: list[Plan], calibration: str | None) -> None:
         say(remark if len(whose) == len(plans) else f"{listed(whose)}: {remark}")
 
 
-def _json(args: argparse.Namespace, format_name: str, plan: Plan, done: Export) -> dict[str, Any]:
+def _json(args: argparse.Namespace, format_name: str, demo: str | None, plan: Plan, done: Export) -> dict[str, Any]:
     return {
-        **plan_json(plan),
+        **plan_json(plan, args.calibration, demo),
         "format": format_name,
         "output": str(args.output),
         "samples": len(done.samples.t),

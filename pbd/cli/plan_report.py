@@ -1,13 +1,15 @@
 """Describes a plan's moves, torques and contacts, for people and as JSON."""
 
 import math
-from dataclasses import replace
+from dataclasses import asdict, replace
 from typing import Any
 
+from pbd import __version__
 from pbd.calibration.dock import dock_tilt
 from pbd.cli.console import working
 from pbd.data import Load
-from pbd.planning import Plan, can_plan
+from pbd.files.find_by_name import origin
+from pbd.planning import Plan, PlanOptions, can_plan
 from pbd.planning.result import place_remark, robot_remark, size_remark, table_remark
 
 STRAY_M = 0.01
@@ -60,8 +62,8 @@ def torque_remark(plan: Plan) -> str:
     return f"torques: at most {100.0 * torque.share:.0f} % of the limit ({torque.joint}), carrying {carried}{unknown}"
 
 
-def plan_json(plan: Plan) -> dict[str, Any]:
-    """Return what every command that plans says of the plan."""
+def plan_json(plan: Plan, calibration: str | None, demo: str | None) -> dict[str, Any]:
+    """Return what every command that plans says of the plan; `calibration` and `demo` as the command was given them."""
     dock, tilt_deg = plan.calibration.T_base_dock, None
     if dock is not None and not plan.calibration.any_attitude:
         tilt_deg = math.degrees(dock_tilt(dock, plan.keyframes[0].T_nav_sensor.wxyz))
@@ -71,6 +73,21 @@ def plan_json(plan: Plan) -> dict[str, Any]:
         "duration_s": plan.trajectory.duration,
         "scale": plan.scale,
         "dock_tilt_deg": tilt_deg,
+        "made_from": _made_from(plan, calibration, demo),
+    }
+
+
+def _made_from(plan: Plan, calibration: str | None, demo: str | None) -> dict[str, Any]:
+    """Return pbd's version, the files, and the options that differ from their defaults, in their own units."""
+    robot, folder = plan.robot, plan.tracked[1].folder
+    own = "default" if robot.dock is None else f"{robot.name}'s own dock"
+    usual = asdict(PlanOptions())
+    return {
+        "pbd": __version__,
+        "robot": robot.file and origin("robots", robot.file),
+        "calibration": calibration or own,
+        "demo": origin("demos", folder) if folder else demo,
+        "options": {name: value for name, value in asdict(plan.options).items() if value != usual[name]},
     }
 
 

@@ -40,7 +40,7 @@ def run(args: argparse.Namespace) -> None:
         errors = {name: getattr(report, name) for name in ("max_position_error_m", "max_rotation_error_rad")}
         print_json(
             {
-                **plan_json(plan),
+                **plan_json(plan, args.calibration, args.demo),
                 "keyframes": len(plan.keyframes),
                 "ik": errors,
                 "limits": {

@@ -72,7 +72,8 @@ def drive_arm(args: argparse.Namespace, robot: Robot) -> int:
     if args.json:
         arm_json = {"port": device, "servos": str(file), "dry_run": args.dry_run}
         motion = _motion_json(done, monitor, bus, encoders.names, args.dry_run)
-        print_json({**plan_json(plan), **arm_json, **motion, "warnings": args.warnings})
+        made = plan_json(plan, args.calibration, args.demo)
+        print_json({**made, **arm_json, **motion, "warnings": args.warnings})
     return 128 + keys.signal if done.by_hand and keys.signal else code
 
 
