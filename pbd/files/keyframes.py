@@ -22,6 +22,9 @@ KEYFRAMES_FILE = "keyframes.toml"
 GRIPS = {"closes": True, "opens": False}
 """Words for `Keyframe.grip`."""
 
+ROUNDING_M = 1e-4
+"""Unit of the last decimal of a keyframe's position, m."""
+
 FARTHEST_M = 5.0
 """Largest coordinate of a keyframe in nav, whose origin is the dock, m: twice the reach of a large arm."""
 

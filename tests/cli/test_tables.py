@@ -224,17 +224,24 @@ def test_with_the_hands_time_the_hands_own_dwells_are_saved(tea: Path, capsys: p
 
 
 @pytest.mark.usefixtures("elsewhere")
-def test_what_is_known_of_the_stops_is_said_to_move_no_keyframes_that_are_saved(
+def test_what_is_known_of_the_stops_after_keyframes_are_saved_is_said_not_to_move_them(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     assert main(["simulate", "pour", "back"]) == 0  # closed = true
     capsys.readouterr()
-    unmoved = "places in demo.toml do not move them; `pbd keyframes DEMO --save --force` finds them anew"
+    unmoved = "does not move them; `pbd keyframes back --save --force` finds them anew"
     for options, used in ([], True), (["--save"], True), ([], False), (["--save", "--force"], True):
         assert main(["keyframes", "back", *options]) == 0
         err = capsys.readouterr().err
         assert ("using: the hand returned to its start" in err) == used
-        assert (unmoved in err) is not used
+        assert unmoved not in err  # what is saved heeds it
+    toml = Path("demos/back/demo.toml")
+    closed = toml.read_text()
+    toml.write_text(closed.replace("closed = true", "closed = false", 1))
+    assert main(["keyframes", "back", "--save", "--force"]) == 0
+    toml.write_text(closed)
+    assert main(["keyframes", "back"]) == 0
+    assert unmoved in capsys.readouterr().err
 
 
 def test_nothing_is_saved_into_what_is_bundled_or_no_folder(tea: Path, capsys: pytest.CaptureFixture[str]) -> None:
