@@ -14,7 +14,7 @@ import numpy as np
 
 from pbd.cli.console import print_json, say, working
 from pbd.data import Calibration, Demonstration, HandPath, Keyframe, Robot
-from pbd.errors import RecordingError, SensorError, UsageError, amount, listed
+from pbd.errors import RecordingError, SensorError, UsageError, amount, listed, warn
 from pbd.files.calibration import load_calibration
 from pbd.files.demo import demo_folder, load_demo, newest_demo, shell_word, write_demo
 from pbd.files.find_by_name import hides_bundled
@@ -141,7 +141,8 @@ def _start_joints(args: argparse.Namespace, robot: Robot) -> tuple[float, ...]:
 
 def plan_demonstration(args: argparse.Namespace, measured: tuple[float, ...] | None = None) -> Plan:
     """Load, track and plan args.demo; the motion is audited. `measured`: see `plan_options`."""
-    from pbd.planning import load_robot_and_calibration, plan_path
+    from pbd.planning import PlanOptions, load_robot_and_calibration, plan_path
+    from pbd.planning.options import dwells
 
     if measured is None and args.start is None and args.units.asked:
         raise UsageError("--units is for --from alone, as motions are always in rad and m: leave it out")
@@ -149,6 +150,10 @@ def plan_demonstration(args: argparse.Namespace, measured: tuple[float, ...] | N
     robot, calibration = load_robot_and_calibration(args.robot, args.calibration)
     path, _ = track_demonstration(args, demo, calibration)
     options = plan_options(args, robot, measured)
+    asked = "--dwell" if options.dwell_s is not None else "--time demo" if options.time == "demo" else ""
+    edited = demo.keyframes if asked else None
+    if edited is not None and dwells(edited, options) == dwells(edited, PlanOptions(dwell_s=math.inf)):
+        warn(f"{asked} changes no stay: {demo.folder}/{KEYFRAMES_FILE} says how long each is; edit its dwell_s")
     with working(f"planning for {robot.name}"):
         return plan_path(path, calibration, robot, options)
 

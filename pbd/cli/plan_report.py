@@ -82,6 +82,8 @@ def _made_from(plan: Plan, calibration: str | None, demo: str | None) -> dict[st
     robot, folder = plan.robot, plan.tracked[1].folder
     own = "default" if robot.dock is None else f"{robot.name}'s own dock"
     usual = asdict(PlanOptions())
+    if plan.tracked[1].keyframes is not None:
+        usual["dwell_s"] = math.inf
     return {
         "pbd": __version__,
         "robot": robot.file and origin("robots", robot.file),

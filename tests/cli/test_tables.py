@@ -201,6 +201,22 @@ def test_a_robot_goes_to_the_edited_keyframes(tea: Path, capsys: pytest.CaptureF
     assert after[1]["base_position_m"][2] == pytest.approx(before[1]["base_position_m"][2] + 0.02, abs=2e-4)
 
 
+@pytest.mark.parametrize(
+    ("option", "said"),
+    [(("--dwell", "100"), True), (("--dwell", "0.2"), False), (("--time", "demo"), True), ((), False)],
+)
+def test_an_option_that_changes_no_saved_stay_is_told(
+    tea: Path, capsys: pytest.CaptureFixture[str], option: tuple[str, ...], said: bool
+) -> None:
+    assert main(["keyframes", "tea", "--save"]) == 0
+    capsys.readouterr()
+    assert main(["replay", "tea", "--robot", "panda", "--html", "tea.html", *option, "--json"]) == 0
+    result = json.loads(capsys.readouterr().out)
+    warned = "changes no stay: demos/tea/keyframes.toml says how long each is; edit its dwell_s"
+    assert any(each.endswith(warned) for each in result["warnings"]) == said
+    assert len(result["made_from"]["options"]) == bool(option)  # what the file makes of --dwell is not told
+
+
 def test_saving_and_editing_nothing_changes_no_motion(tmp_path: Path) -> None:
     """Poses are written to a tenth of a millimetre, so the motion may differ by as much."""
     motions = []
