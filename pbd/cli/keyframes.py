@@ -29,7 +29,7 @@ from pbd.data import Calibration, Demonstration, HandPath, Keyframe, Robot, Sens
 from pbd.data.covariance import keyframe_sigmas
 from pbd.data.keyframe import thing_carriers
 from pbd.errors import RecordingError, UsageError, listed, warn
-from pbd.files.keyframes import KEYFRAMES_FILE
+from pbd.files.keyframes import KEYFRAMES_FILE, read_touch_ups
 from pbd.files.keyframes_edit import set_frames
 from pbd.io.numbers import LARGEST_NUDGE_M
 from pbd.io.toml import SMALLEST_POSITIVE
@@ -101,10 +101,12 @@ def _track(
 
 def _load_recorded(args: argparse.Namespace) -> Demonstration:
     """Load the demonstration without the keyframes of keyframes.toml, but with its touch-ups if they can be read."""
+    demo = load_demonstration(args.demo, edited=False)
+    if demo.folder is None or not (file := demo.folder / KEYFRAMES_FILE).exists():
+        return demo
     try:
-        return replace(load_demonstration(args.demo), keyframes=None)
+        return replace(demo, touch_ups=read_touch_ups(file))
     except RecordingError as error:
-        demo = load_demonstration(args.demo, edited=False)
         warn(f"{error.message}; its touch-ups, if there are any, are not used")
         return demo
 

@@ -179,6 +179,16 @@ def test_saved_keyframes_are_used_edited_and_found_anew(tea: Path, capsys: pytes
     assert file.read_text(encoding="utf-8") == text
 
 
+def test_force_does_not_warn_of_the_keyframes_that_it_replaces(tea: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["keyframes", "tea", "--save"]) == 0
+    file = tea / "keyframes.toml"
+    file.write_text(file.read_text(encoding="utf-8").replace('= "closes"\n', '= "opens"\n'), encoding="utf-8")
+    for force, warned in ([], True), (["--save", "--force"], False):
+        capsys.readouterr()
+        assert main(["keyframes", "tea", *force]) == 0
+        assert ("the grip opens at keyframe" in capsys.readouterr().err) == warned
+
+
 def test_force_overwrites_a_file_that_cannot_be_read(tea: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = tea / "keyframes.toml"
     file.write_text("format = ", encoding="utf-8")
