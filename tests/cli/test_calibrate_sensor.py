@@ -104,6 +104,13 @@ def test_the_calibration_is_applied_where_it_is_used(bench: Path, capsys: Captur
     assert (code, "Traceback" in err) == (0, False)
 
 
+def test_show_says_of_which_recording_a_warning_is(recorded: Path, capsys: Capture) -> None:
+    Path("demos").symlink_to(recorded)
+    run(capsys, "calibrate", "dock", "bench", "--position", "0.45", "-0.15", "0.25")
+    _, _, err = run(capsys, "calibrate", "show", "bench", "tea")
+    assert "pbd: warning: tea: the gyro" in err
+
+
 def test_a_nav_of_the_sensor_as_it_was_is_warned_of(recorded: Path, capsys: Capture) -> None:
     """Its heading is the magnetometer's, which has another hard iron now; a dock, or the gyro's bias, has no such."""
     Path("demos").symlink_to(recorded)

@@ -14,7 +14,7 @@ from pbd.cli.common import load_demonstration, sigma_json, track_with
 from pbd.cli.console import print_json, say, working
 from pbd.data import Calibration
 from pbd.data.covariance import one_sigma
-from pbd.errors import CalibrationError, PbdError
+from pbd.errors import CalibrationError, PbdError, collected_warnings, warn
 from pbd.files.calibration import load_calibration
 from pbd.io.atomic import atomic_file, refuse_output
 from pbd.pose import Array, Pose
@@ -61,8 +61,12 @@ def _placed(args: argparse.Namespace, calibration: Calibration) -> tuple[str, Ke
         return None
     try:
         demo = load_demonstration(args.demo)
-        path = track_with(args, demo, calibration)
-        return demo.recording.info.name, place_in_base(keyframes_of(path), calibration, path=path)
+        name = demo.recording.info.name
+        with collected_warnings() as told:
+            path = track_with(args, demo, calibration)
+        for message in told:
+            warn(f"{name}: {message}")  # else it seems to be about the calibration
+        return name, place_in_base(keyframes_of(path), calibration, path=path)
     except PbdError as reason:
         if args.demo is not None:
             raise
