@@ -114,6 +114,13 @@ def test_a_name_that_is_misspelled_is_corrected() -> None:
     assert check_one("pourin").why.endswith("nor a file or folder of that path; did you mean pouring?")
 
 
+def test_one_that_is_not_there_cannot_be_recorded_again(takes: list[str], capsys: Capture) -> None:
+    for also, advice in (([], ""), (["broken"], "; leave them out, or record them again")):
+        _, _, err = run(capsys, "check", "demos/none", *also)
+        named = ", ".join(["demos/none", *also])
+        assert err.endswith(f" can't be used: {named}{advice}; there is no demonstration demos/none\n")
+
+
 def test_one_that_stops_once_cannot_be_used(takes: list[str], capsys: Capture) -> None:
     write_demo(simulate(Task("once", (Waypoint(rest_s=3.0),)), "modern"), Path("demos/once"))
     assert check_one("once").why.startswith("the demonstration has 1 stop, but a motion needs two; ")
