@@ -139,15 +139,16 @@ def held_poses(arm: ArmModel, T_base_tool: Sequence[Pose], q: Array) -> tuple[tu
     held = tuple(Pose(pose.p, arm.forward(joints).wxyz) for pose, joints in zip(T_base_tool, q, strict=True))
     off = np.array([(each.approach_rad, each.about_rad) for each in found]).reshape(-1, 2)
     if len(off) and off.max() > WARN_RAD:
-        approach, about = off.max(axis=0)
+        names = "its approach axis", "its rotation about the approach axis"
+        most = zip(names, off.max(axis=0).tolist(), strict=True)
+        told = ", ".join(f"{name} is off by up to {in_degrees(rad)}" for name, rad in most if round(np.degrees(rad)))
         half_turn = off[:, 1].min() > 0.5 * np.pi  # everywhere: the tool's frame is meant the other way round
         turn = "turn T_body_tool by half a turn about its own z, if the jaws are alike, " if half_turn else ""
         worst = int(np.argmax(np.hypot(off[:, 0], ABOUT_AXIS_WEIGHT * off[:, 1])))
         warn(
             f"{arm.robot.name} moves its tool in {starts_of(arm).directions} of 6 directions and can't match the "
-            f"hand's orientation: its approach axis is up to {in_degrees(approach)} off, the rotation about it up to "
-            f"{in_degrees(about)}, worst at keyframe {worst}; {turn}use an arm that moves it in all 6, as most of six "
-            "joints do, move the dock, or give a smaller --scale"
+            f"hand's orientation: {told}, worst at keyframe {worst}; {turn}use an arm that moves it in all 6, as most "
+            "of six joints do, move the dock, or give a smaller --scale"
         )
     return held, off
 
