@@ -19,7 +19,7 @@ KINDS = {"length": LENGTHS, "angle": ANGLES, "time": TIMES}
 class Units:
     """A unit of length, one of angle and one of time, by their names in LENGTHS, ANGLES and TIMES.
 
-    `asked` names the kinds (see KINDS) that the user chose. `exact` writes twelve significant digits, for programs.
+    `asked` names the kinds (see KINDS) that the user chose. `exact` writes nine significant digits, for programs.
     """
 
     length: str = "m"
@@ -54,8 +54,8 @@ class Units:
         """Write numbers with `decimals` + `finer` decimals and without -0.000; NaN, which is unknown, is blank."""
         given = factor * np.atleast_1d(np.asarray(values, dtype=np.float64))
         if self.exact:
-            # A double has sixteen; the last ones are rounding errors.
-            return [repr(float(f"{x:.12g}")) if np.isfinite(x) else "" for x in (given + 0.0).tolist()]
+            # A position below 1 m to 1e-9 m; of the sixteen of a double the last ones are rounding errors.
+            return [repr(float(f"{x:.9g}")) if np.isfinite(x) else "" for x in (given + 0.0).tolist()]
         places = decimals + finer
         return [f"{x:.{max(places, 0)}f}" if np.isfinite(x) else "" for x in np.round(given, places) + 0.0]
 
