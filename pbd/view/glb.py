@@ -30,7 +30,7 @@ def write_glb(scene: ReplayScene, path: Path) -> None:
         RobotError: the robot's meshes can't be read.
         OSError: the file can't be written.
     """
-    window = _Window(scene.title)
+    window = _Window(scene.title, scene.robot.license)
     build(scene, Visualizer.view_into(window, ScenePath()))
     path.write_bytes(window.glb())
 
@@ -38,7 +38,10 @@ def write_glb(scene: ReplayScene, path: Path) -> None:
 class _Window:
     """A substitute for meshcat's window that translates its commands to glTF."""
 
-    def __init__(self, title: str) -> None:
+    def __init__(self, title: str, license_: str) -> None:
+        self.asset = {"version": "2.0", "generator": "pbd"}
+        if license_:
+            self.asset["copyright"] = f"The robot's model and meshes: {license_}."  # as the page says it
         self.data = bytearray()
         self.views: list[dict[str, Any]] = []
         self.accessors: list[dict[str, Any]] = []
@@ -65,7 +68,7 @@ class _Window:
     def glb(self) -> bytes:
         """The file's bytes: a header, the JSON, the binary data, each padded to four bytes."""
         content = {
-            "asset": {"version": "2.0", "generator": "pbd"},
+            "asset": self.asset,
             "scene": 0,
             "scenes": [{"nodes": [0]}],
             "nodes": self.nodes,

@@ -83,6 +83,14 @@ def test_the_hands_path_shows_its_speed(tmp_path: Path) -> None:
     assert (colours.componentType, colours.normalized) == (5121, True)  # bytes, of which 255 is 1.0
 
 
+def test_the_meshes_license_is_in_the_file(tmp_path: Path) -> None:
+    from pygltflib import GLTF2
+
+    written("panda", "glb", tmp_path / "m.glb")
+    told = "The robot's model and meshes: Apache-2.0, from https://github.com/frankaemika/franka_ros."
+    assert GLTF2().load(str(tmp_path / "m.glb")).asset.copyright == told
+
+
 def test_trimesh_reads_the_arm_upright_and_each_mesh_once(tmp_path: Path) -> None:
     import trimesh
 
