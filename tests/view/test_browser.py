@@ -413,6 +413,19 @@ def test_nothing_overlaps(replay: Replay) -> None:
         replay.browser.set_size()
 
 
+def test_a_tall_window_gives_its_room_to_the_joints(replay: Replay) -> None:
+    heights = []
+    try:
+        for height in (700, 1080):
+            replay.browser.set_size(1400, height)
+            replay("pbd.page.fold('joints', false)")
+            heights.append(replay("return element('curves').clientHeight"))
+    finally:
+        replay.browser.set_size()
+    assert heights[0] < 80
+    assert heights[1] > 160
+
+
 def test_a_long_label_pushes_no_column_out(replay: Replay) -> None:
     table = """
         const { page } = pbd, { keyframes } = page.replay;
