@@ -117,7 +117,7 @@ def test_nohup_outlives_a_hang_up() -> None:
 
 def test_stopped_for_a_while_it_goes_on(tmp_path: Path) -> None:
     """After Ctrl-Z the gap is not taken for a silent sensor."""
-    patient = "import pbd.record.sensor_connection as link; link.SILENT_S = 1.2; from pbd.cli import main; raise SystemExit(main())"
+    patient = "from pbd.record import sensor_connection as s; s.SILENT_S = 1.2; from pbd.cli import main; exit(main())"
     with Emulator(simulate("pour", "modern", 1).recording) as sensor:
         words = ["record", "tea", "--sensor", "ximu3", "--port", sensor.device, "--baud", "115200", "--duration", "3"]
         process = subprocess.Popen(

@@ -158,15 +158,6 @@ def test_delays_that_wander_show_that_the_samples_were_taken_at_uneven_times(
         assert (even_stamps(recording) is recording.t) == uneven
 
 
-def test_samples_that_wait_once_are_no_gap() -> None:
-    """A host is busy for 60 ms in a move: six samples come together, and none is lost."""
-    demo = simulate("pour", "modern", 1, rate_hz=100.0)
-    t = demo.recording.t.copy()
-    row = int(np.argmax(np.linalg.norm(not_none(demo.recording.gyr), axis=1)))
-    t[row : row + 6] = t[row + 6] - 0.01 * np.linspace(0.9, 0.1, 6)
-    assert "missing" not in said(replace(demo.recording, t=t))
-
-
 @pytest.mark.parametrize("rate_hz", [57.0, 100.0])
 def test_samples_that_a_program_reads_now_once_now_twice_are_interpolated(rate_hz: float) -> None:
     """Of a sensor of 40 Hz. A reading is up to half an interval older than its stamp, so the mean age matters not."""
@@ -379,25 +370,6 @@ def test_lost_samples_are_bridged_and_told(share: float) -> None:
     lost = int(str(caught[0].message).split()[0])
     ends = kept[0] + len(demo.recording) - 1 - kept[-1]
     assert lost == len(demo.recording) - len(kept) - ends
-
-
-def test_repeated_packets_change_next_to_nothing() -> None:
-    demo = simulate("pour", "modern", 1)
-    rows = np.arange(len(demo.recording))
-    again = np.sort(np.concatenate((rows, rows[np.random.default_rng(2).random(len(rows)) < 0.05])))
-    repeated = with_rows(demo.recording, again)
-    assert said(repeated) == ""
-    assert worst(demo, repeated) < worst(demo, demo.recording) + 0.003
-
-
-@pytest.mark.parametrize("share", [0.02, 0.2])
-def test_old_data_under_new_stamps_do_little_harm(share: float) -> None:
-    demo = simulate("pour", "modern", 1)
-    rows = np.arange(len(demo.recording))
-    stale = np.random.default_rng(3).random(len(rows)) < share
-    stale[0] = False
-    old = replace(with_rows(demo.recording, rows - stale), t=demo.recording.t)
-    assert worst(demo, old) < worst(demo, demo.recording) + 0.008
 
 
 def test_a_rate_other_than_the_nominal_one_is_told() -> None:

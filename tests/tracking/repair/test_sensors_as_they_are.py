@@ -9,15 +9,13 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from pbd.data import GRAVITY, Demonstration, Recording
+from pbd.data import GRAVITY, Recording
 from pbd.errors import PbdWarning, RecordingError, TrackingError
 from pbd.pipeline import track
-from pbd.pose import Array
 from pbd.simulation.calibration_tasks import sides
 from pbd.simulation.hand_motion import Waypoint
 from pbd.simulation.simulate import TASKS, World, random_task
 from pbd.simulation.tasks import Task
-from pbd.tracking.keyframes import find_keyframes
 from pbd.tracking.repair.channel_faults import frozen_rows, refuse_dead, stuck_axes
 from pbd.tracking.repair.gyro_consistency import find_steady, refuse_disagreement
 from pbd.tracking.repair.repair_recording import repair_recording
@@ -35,22 +33,6 @@ def with_spike(recording: Recording, channel: str, row: int, axis: int, value: f
     values = getattr(recording, channel).copy()
     values[row, axis] = value
     return with_channel(recording, channel, values)
-
-
-@pytest.mark.parametrize(("sensor", "t"), [("modern", 0.0), ("os5000", 2.9)])
-@pytest.mark.parametrize(("channel", "value"), [("acc", -500.0), ("gyr", 30.0)])
-def test_a_wild_sample_is_left_out_and_told(sensor: str, channel: str, value: float, t: float) -> None:
-    recording = pour(sensor, 1).recording
-    row = int(np.searchsorted(recording.t, t))
-    whole = find_keyframes(track(recording))
-    with pytest.warns(
-        PbdWarning, match=rf"1 impossible sample left out .* row {row} \(t = {recording.t[row]:.2f} s\): "
-    ) as caught:
-        spoilt = find_keyframes(track(with_spike(recording, channel, row, 1, value)))
-    assert len(caught) == 1
-    assert len(spoilt) == len(whole)
-    off = [one.T_nav_sensor.distance(other.T_nav_sensor)[0] for one, other in zip(spoilt, whole, strict=True)]
-    assert max(off) < 0.003
 
 
 @settings(max_examples=10, deadline=None)
@@ -92,18 +74,6 @@ def test_a_tap_is_no_wild_sample() -> None:
     acc[200:203, 2] += (40.0, 90.0, 35.0)
     tapped = replace(recording, acc=acc)
     assert without_wild(tapped) is tapped
-
-
-@pytest.mark.parametrize("sensor", ["os5000", "modern"])
-@pytest.mark.parametrize(("channel", "name"), [("acc", "accelerometer"), ("gyr", "gyro")])
-@pytest.mark.parametrize("begin", [0.0, 5.0])
-def test_a_stuck_axis_is_named(sensor: str, channel: str, name: str, begin: float) -> None:
-    for task in ("pour", random_task(3)):
-        recording = simulate(task, sensor, 1).recording
-        values = getattr(recording, channel).copy()
-        values[recording.t >= begin, 1] = 0.25
-        with pytest.raises(RecordingError, match=rf"axis y of the {name} is stuck at 0\.25 from {begin:.0f}\.\d\d s"):
-            track(with_channel(recording, channel, values))
 
 
 @pytest.mark.parametrize("channel", ["acc", "gyr"])
@@ -230,28 +200,6 @@ def test_nothing_is_frozen_in_a_real_recording(data_folder: Path) -> None:
     assert not any(frozen_rows(recording).any() for recording in real_recordings(data_folder).values())
 
 
-def turned(gyr: Array, how: str) -> Array:
-    return {
-        "deg/s": np.degrees(gyr),
-        "rad/s": np.radians(gyr),
-        "swapped": gyr[:, [1, 0, 2]],
-        "mirrored": gyr * (1.0, -1.0, 1.0),
-        "turned round": -gyr,
-    }[how]
-
-
-def spoilt(demo: Demonstration, how: str) -> Recording:
-    return replace(demo.recording, gyr=turned(not_none(demo.recording.gyr), how))
-
-
-@pytest.mark.parametrize(("sensor", "task"), [("os5000", "random"), ("modern", "pick-and-place-stops")])
-@pytest.mark.parametrize("unit", ["deg/s", "rad/s"])
-def test_a_gyro_in_another_unit_is_found_out(sensor: str, task: str, unit: str) -> None:
-    demo = simulate(random_task(4) if task == "random" else task, sensor, 1)
-    with pytest.raises(RecordingError, match=f"import the file with --unit gyr={unit}"):
-        track(spoilt(demo, unit))
-
-
 def test_a_real_gyro_in_degrees_is_found_out_and_a_good_one_is_not(data_folder: Path) -> None:
     for name, recording in real_recordings(data_folder).items():
         with warnings.catch_warnings():
@@ -296,20 +244,6 @@ def test_a_turn_about_the_vertical_is_not_taken_for_rest(seed: int) -> None:
     refuse_disagreement(recording)
     bias = find_steady(recording.acc, not_none(recording.gyr), recording.rate_hz).gyro_bias
     assert np.abs(bias).max() < np.radians(2.0)
-
-
-@pytest.mark.parametrize(("how", "sensor"), [("swapped", "os5000"), ("mirrored", "wt901"), ("turned round", "modern")])
-def test_axes_that_are_not_the_accelerometers_are_found_out(how: str, sensor: str) -> None:
-    """They are found nearly always if the hand turns about several axes. If it hardly turns, nothing shows them."""
-    said = []
-    for seed in range(4):
-        recording = spoilt(simulate(random_task(seed, max_turn=1.8, moves=20), sensor, seed), how)
-        try:
-            refuse_disagreement(recording)
-        except RecordingError as error:
-            said.append(error.message)
-    assert len(said) >= 3
-    assert all("import the file with --column g" in message for message in said)
 
 
 @pytest.mark.filterwarnings("ignore:.*far more than such a sensor:pbd.errors.PbdWarning")  # one recording in twenty

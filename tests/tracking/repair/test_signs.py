@@ -171,20 +171,6 @@ def test_a_gyros_bias_hides_no_wrong_axis() -> None:
         refuse_disagreement(replace(wrong, gyr=not_none(wrong.gyr) + np.radians((15.0, -15.0, 15.0))))
 
 
-@pytest.mark.parametrize("sensor", ["wt901", "modern"])
-@pytest.mark.parametrize("task", ["pour", "pick-and-place-stops", "pick-and-place-direct"])
-@pytest.mark.parametrize(
-    ("channel", "mended_by"),
-    [("acc", "--column ax=ay --column ay=ax"), ("gyr", "--column gx=-gx --column gy=-gy --column gz=-gz")],
-)
-def test_a_hand_that_turns_about_one_axis_leaves_a_choice(sensor: str, task: str, channel: str, mended_by: str) -> None:
-    """The right reading is among those named."""
-    recording = replace(simulate(task, sensor, 1).recording, mag=None, device_rpy=None)
-    with pytest.raises(RecordingError) as caught:
-        refuse_disagreement(spoilt(recording, channel, mended_by))
-    assert mended_by in caught.value.message
-
-
 def test_left_handed_axes_of_both_sensors_are_offered() -> None:
     recording = replace(simulate(random_task(2, max_turn=1.8, moves=20), "ideal", 2).recording, mag=None)
     mirrored = spoilt(spoilt(replace(recording, device_rpy=None), "acc", "--column ay=-ay"), "gyr", "--column gy=-gy")
