@@ -80,9 +80,8 @@ def test_a_tap_is_no_wild_sample() -> None:
 def test_an_axis_that_is_stuck_for_a_second_within_moves_is_named(channel: str) -> None:
     recording = pour("modern").recording
     values = getattr(recording, channel).copy()
-    held_rows = (recording.t >= 3.0) & (recording.t < 4.1)
-    values[held_rows, 1] = values[held_rows, 1][0]
-    with pytest.raises(RecordingError, match=r"axis y of the .* is stuck .* from 3\.00 s .* to 4\.09 s"):
+    values[(recording.t >= 3.0) & (recording.t < 4.1), 1] = 0.25
+    with pytest.raises(RecordingError, match=r"axis y of the .* is stuck at 0\.25 from 3\.00 s .* to 4\.09 s"):
         track(with_channel(recording, channel, values))
 
 
