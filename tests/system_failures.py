@@ -6,12 +6,18 @@ import resource
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import NoReturn
 
 import pytest
 
 LINUX_CAPABILITY_VERSION_3 = 0x20080522
 DAC_OVERRIDE, DAC_READ_SEARCH = 1 << 1, 1 << 2
 """Bits of the capabilities that bypass file permissions; see capabilities(7)."""
+
+
+def no_space(*given: object, **named: object) -> NoReturn:
+    """Stands for any function that writes."""
+    raise OSError(28, "No space left on device")
 
 
 class _Header(ctypes.Structure):

@@ -49,6 +49,8 @@ def swing(
     clock: Clock | None = None,
     stall_s: float = UNHURRIED_S,
     dry_run: bool = False,
+    speed: float = SPEED,
+    tolerance_deg: float = 10.0,
 ) -> StreamResult:
     """Swing the elbow."""
     clock = clock or FastClock()
@@ -58,7 +60,7 @@ def swing(
         if not dry_run:
             arm.enable_torque(start.counts)
         path = np.tile(start.counts, (goals, 1))
-        path[:, ELBOW] += SPEED * np.arange(goals)
+        path[:, ELBOW] += speed * np.arange(goals)
         fault = emulator.fault
 
         def impatient() -> None:
@@ -68,7 +70,7 @@ def swing(
                 fault()
 
         emulator.fault = impatient
-        monitor = MotionMonitor(arm.encoders.names, arm.bounds, start, 10.0, RATE_HZ)
+        monitor = MotionMonitor(arm.encoders.names, arm.bounds, start, tolerance_deg, RATE_HZ)
         with patch("pbd.driving.stream.STALL_S", stall_s):
             return stream(arm, path, RATE_HZ, monitor, clock, stop_wanted, dry_run)
 
@@ -160,14 +162,7 @@ def test_a_joint_that_pushes_too_long(emulator: Emulator) -> None:
         emulator.servos[3].place -= 240.0  # 1000 of load, at a tolerance that allows it
 
     emulator.fault = press
-    clock = FastClock()
-    with Bus.open(emulator.device, PATIENT_S) as bus:
-        arm = connect(bus)
-        start = arm.state()
-        arm.enable_torque(start.counts)
-        monitor = MotionMonitor(arm.encoders.names, arm.bounds, start, 45.0, RATE_HZ)
-        with patch("pbd.driving.stream.STALL_S", UNHURRIED_S):
-            done = stream(arm, np.tile(start.counts, (80, 1)), RATE_HZ, monitor, clock, lambda: False)
+    done = swing(emulator, 80, speed=0.0, tolerance_deg=45.0)
     assert "elbow_flex has pushed with more than 80 % of its strength for 0.5 s" in not_none(done.stopped).message
     assert FAULT_AT + 20 < done.sent < FAULT_AT + 30
 

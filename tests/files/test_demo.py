@@ -27,7 +27,7 @@ from pbd.pose import Array, quat_exp
 from pbd.simulation.calibration_tasks import CALIBRATION_TASKS
 from pbd.simulation.simulate import simulate
 from pbd.simulation.tasks import TASKS
-from tests.system_failures import as_a_user
+from tests.system_failures import as_a_user, no_space
 
 HALF_A_DIGIT = {"t": 5e-7, "gyr": 5e-8, "acc": 5e-7, "mag": 5e-5, "device_rpy": 5e-7, "p": 5e-7, "wxyz": 5e-9}
 """Rounding error of imu.csv and truth.csv, whose numbers of decimals are fixed."""
@@ -249,11 +249,7 @@ def test_force_replaces_nothing_but_a_demonstration(tmp_path: Path) -> None:
 def test_a_failed_write_leaves_the_old_demonstration(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     folder = tmp_path / "tea"
     write_demo(still(3), folder)
-
-    def full_disk(*_: object) -> None:
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(demo_file, "write_table", full_disk)
+    monkeypatch.setattr(demo_file, "write_table", no_space)
     with pytest.raises(RecordingError, match=r"tea can't be written \(.*No space left.*\); give another place$"):
         write_demo(still(5), folder, force=True)
     assert len(read_demo(folder).recording) == 3

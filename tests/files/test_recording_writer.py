@@ -13,6 +13,7 @@ from pbd.data import GripEvent, Recording, RecordingInfo
 from pbd.errors import RecordingError
 from pbd.files.demo import read_demo, refuse_demo_folder
 from pbd.files.recording_writer import RecordingWriter
+from tests.system_failures import no_space
 
 
 def begun(folder: Path) -> RecordingWriter:
@@ -82,9 +83,7 @@ def test_a_full_disk_leaves_the_written_rows_intact(tmp_path: Path, monkeypatch:
     room = [20]
 
     def half(handle: int, data: bytes) -> int:
-        if not room:
-            raise OSError(28, "No space left on device")
-        return write(handle, data[: room.pop()])
+        return write(handle, data[: room.pop()]) if room else no_space()
 
     write = os.write
     monkeypatch.setattr(os, "write", half)
@@ -109,11 +108,7 @@ def test_a_disk_that_is_full_at_a_grip_or_the_end_leaves_the_rows_intact_and_say
 ) -> None:
     demo = begun(tmp_path / "tea")
     demo.add(samples(0.0, 0.01))
-
-    def full(*given: object, **named: object) -> int:
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(Path, method, full)
+    monkeypatch.setattr(Path, method, no_space)
     with pytest.raises(
         RecordingError, match=r"No space left on device\); give another place; intact so far: 2 samples$"
     ):

@@ -21,6 +21,7 @@ from pbd.simulation.emulator import Emulator
 from pbd.simulation.simulate import simulate
 from tests.record.emulated_sensors import ROUNDS, SPEAKERS, Device, random_hand
 from tests.record.watched_recording import Watched, options, recorded
+from tests.system_failures import no_space
 from tests.test_timestamps import arrivals
 
 
@@ -46,15 +47,9 @@ def test_a_disk_that_is_full_from_the_start_costs_nothing(
         write_demo(simulate("pour"), tea)
     kept = sorted(path.name for path in tmp_path.rglob("*"))
 
-    def full(handle: int, data: bytes) -> int:
-        raise OSError(28, "No space left on device")
-
-    def no_file(path: Path, *given: object, **named: object) -> int:
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr("pbd.files.recording_writer.os", SimpleNamespace(**{**vars(os), "write": full}))
+    monkeypatch.setattr("pbd.files.recording_writer.os", SimpleNamespace(**{**vars(os), "write": no_space}))
     if what == "demo.toml":
-        monkeypatch.setattr(Path, "write_text", no_file)
+        monkeypatch.setattr(Path, "write_text", no_space)
     told = r"tea.* can't be written \(No space left on device\); give another place"
     with pytest.raises(PbdError, match=told) as caught:
         recorded(pouring, Watched(), options(tea, force=force))
@@ -69,12 +64,9 @@ def test_a_full_disk_at_a_grip_tells_where_the_old_one_is(
 ) -> None:
     write_demo(simulate("pour"), tmp_path / "tea")
 
-    def no_file(path: Path, *given: object, **named: object) -> int:
-        raise OSError(28, "No space left on device")
-
     def show(status: Status) -> None:
         person.shown.append(status)
-        monkeypatch.setattr(Path, "write_text", no_file)
+        monkeypatch.setattr(Path, "write_text", no_space)
 
     person = Watched({0.3: Command.GRIP})
     decoder, wanted = protocol("ximu3").decoder(), options(tmp_path / "tea", force=True, duration_s=2.0)
