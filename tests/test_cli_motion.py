@@ -72,9 +72,7 @@ def test_the_arms_present_joints(capsys: Capture, elsewhere: Path) -> None:
     named = {f"panda_joint{i + 1}": value for i, value in enumerate(q)}
     (elsewhere / "now.json").write_text(json.dumps(named))
     for given in (json.dumps(q), json.dumps(named), "now.json"):
-        run_json(capsys, "export", "paper-test2", *PANDA, "--from", given, "--format", "npz", "-o", "out.npz")
-        with np.load("out.npz", allow_pickle=False) as file:
-            np.testing.assert_array_equal(file["q"][0], q)
+        assert start_of(capsys, given) == q
 
 
 ECHOED = """\

@@ -197,19 +197,6 @@ def test_force_overwrites_a_file_that_cannot_be_read(tea: Path, capsys: pytest.C
     assert len(keyframes_of(capsys)) > 2
 
 
-def test_a_robot_goes_to_the_edited_keyframes(tea: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    before = keyframes_of(capsys, "--robot", "panda")
-    assert main(["keyframes", "tea", "--save"]) == 0
-    file = tea / "keyframes.toml"
-    head, own = file.read_text(encoding="utf-8").split("# 1\n")
-    x, y, z = before[1]["position_m"]
-    start, end = own.index("position_m"), own.index("rpy_deg")
-    nudged = f"{own[:start]}position_m = [{x:.4f}, {y:.4f}, {z + 0.02:.4f}]\n{own[end:]}"
-    file.write_text(f"{head}# 1\n{nudged}", encoding="utf-8")
-    after = keyframes_of(capsys, "--robot", "panda")
-    assert after[1]["base_position_m"][2] == pytest.approx(before[1]["base_position_m"][2] + 0.02, abs=2e-4)
-
-
 @pytest.mark.parametrize(
     ("option", "said"),
     [(("--dwell", "100"), True), (("--dwell", "0.2"), False), (("--time", "demo"), True), ((), False)],

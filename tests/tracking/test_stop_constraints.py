@@ -50,21 +50,6 @@ def test_base_and_tool_are_those_of_the_replay(seed: int) -> None:
     assert max(fit.off_m for fit in fits) < 1e-12
 
 
-def test_a_place_is_the_tools() -> None:
-    """The hand turns about the tool's tip: the sensor moves, the tool does not. Without the lever it is refused."""
-    wxyz = quat_exp(np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [np.pi / 2, 0.0, 0.0]]))
-    p_sensor_tool = np.array([0.0, 0.0, -0.12])
-    p_stop = np.array([0.3, 0.0, 0.0]) - quat_rotate(wxyz, p_sensor_tool)
-    p_stop -= p_stop[0]
-    path = hand_path(p_stop, np.tile(1e-5 * np.eye(3), (2, 1, 1)), wxyz)
-    known = Known(places=(Place((mid(1), mid(2))),))
-    calibration = Calibration("c", T_base_nav=Pose.identity(), T_sensor_tool=Pose(p_sensor_tool, wxyz[0]))
-    (fit,) = apply_constraints(path, known, calibration).claims
-    assert fit.off_m == pytest.approx(0.0, abs=1e-12)
-    with pytest.raises(TrackingError, match="17 cm off"):
-        apply_constraints(path, known)
-
-
 def test_a_place_is_where_the_scaled_path_has_it_twice() -> None:
     """With a scale of 1.25 the tool turns about its tip if the tracked way is as much shorter than the sensor's."""
     wxyz = quat_exp(np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [np.pi / 2, 0.0, 0.0]]))
@@ -257,18 +242,6 @@ def test_the_bound_is_as_improbable_in_space_as_in_height(dimension: int, known:
             refused += 1
     share = chdtrc(dimension, chdtri(dimension, 0.0027) / 4.0)
     assert abs(refused - n * share) < 4.0 * np.sqrt(n * share * (1.0 - share))
-
-
-def test_claims_that_agree_alone_may_contradict_each_other() -> None:
-    """Stop 1 is where stop 0 is, stop 2 where stop 1 is, ... Each is a little off; together it is too much."""
-    p_stop = np.zeros((5, 3))
-    p_stop[:, 0] = 0.02 * np.arange(5)
-    path = hand_path(p_stop, np.tile(0.006**2 * np.eye(3), (4, 1, 1)))
-    pairs = tuple(Place((mid(k), mid(k + 1))) for k in range(4))
-    for pair in pairs:
-        apply_constraints(path, Known(places=(pair,)))
-    with pytest.raises(TrackingError, match=r"cm off against the other claims \(sigma .*, 3\.0 sigma\)"):
-        apply_constraints(path, Known(places=pairs))
 
 
 def test_the_claim_most_at_fault_is_the_one_that_is_named() -> None:
