@@ -89,10 +89,7 @@ def test_a_slow_turn_at_constant_rate_is_no_rest(degrees_s: float, until: int) -
     assert found.stop[0] <= until
 
 
-@pytest.mark.parametrize(
-    ("shake", "most", "what"),
-    [("acc", 0.1, "the accelerometer shakes by"), ("gyr", np.radians(1.0), "the gyro shakes by")],
-)
+@pytest.mark.parametrize(("shake", "most", "sensor"), [("acc", 0.1, "accelerometer"), ("gyr", np.radians(1.0), "gyro")])
 def test_a_table_may_shake_by_a_tenth_of_a_metre_per_second_squared_or_a_degree_per_second(
     shake: str, most: float, sensor: str
 ) -> None:
