@@ -310,7 +310,7 @@ def test_a_person_at_a_terminal(words: list[str]) -> None:
     """In real time: asked, started with Enter, stopped with a key."""
     with Emulator(calibration_of("so101"), resting("so101"), Clock()) as real:
         terminal = Terminal("run", "paper-test2", *words, "--port", real.device, cwd=Path.cwd())
-        terminal.until("Enter starts it; any other key cancels.")
+        terminal.until("the first time, take --speed 0.2. Enter starts it; any other key cancels.")
         assert real.goals == []
         terminal.type("\n")
         terminal.until("any key stops it")

@@ -56,6 +56,8 @@ def drive_arm(args: argparse.Namespace, robot: Robot) -> int:
             if not (args.dry_run or args.yes):
                 with noting(UNCHANGED_NOTE):
                     way = "Clear the arm's way; keep a hand at its power switch."
+                    if plan.options.speed == 1.0 and plan.options.time == "limits":
+                        way = f"{way} It moves as fast as the arm may: the first time, take --speed 0.2."
                     keys.ask(f"{way} Enter starts it; any other key cancels.")
             if args.dry_run:
                 say("dry run: the servos are read, and given no goals")
