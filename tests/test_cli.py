@@ -43,7 +43,8 @@ def test_segments_json(capsys: Capture) -> None:
 def test_replay_json(capsys: Capture, elsewhere: Path) -> None:
     result = run_json(capsys, "replay", "--robot", "panda", "--html", "page.html")
     promised = {"demo", "robot", "keyframes", "duration_s", "ik", "limits", "warnings", "html"}
-    assert set(result) == promised | {"scale", "dock_tilt_deg", "moves", "stretched", "off_deg", "collision"}
+    more = {"scale", "dock_tilt_deg", "moves", "stretched", "off_deg", "collision", "made_from"}
+    assert set(result) == promised | more
     assert (result["demo"], result["robot"], result["keyframes"]) == ("pouring", "panda", 11)
     assert result["ik"]["max_position_error_m"] < 1e-5
     assert result["ik"]["max_rotation_error_rad"] < 1e-5
