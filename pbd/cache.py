@@ -50,9 +50,12 @@ def remember(kind: str, key: str, arrays: Mapping[str, Any]) -> None:
     """Store arrays by kind and key, for `recall`."""
     content = io.BytesIO()
     np.savez(content, **arrays)
-    with suppress(PbdError), atomic_file(_cache_file(kind, key), parents=True) as file:
-        file.write_bytes(hashlib.sha256(key.encode() + content.getvalue()).digest() + content.getvalue())
-        file.chmod(0o600)
+    path = _cache_file(kind, key)
+    with suppress(PbdError, OSError):
+        path.unlink(missing_ok=True)  # else a link's target would be replaced, or an old file's permissions kept
+        with atomic_file(path, parents=True) as file:
+            file.write_bytes(hashlib.sha256(key.encode() + content.getvalue()).digest() + content.getvalue())
+            file.chmod(0o600)
 
 
 def _cache_file(kind: str, key: str) -> Path:

@@ -221,6 +221,23 @@ class TestCache:
         assert [self.area(), self.area(2.0)] == [1.0, 2.0]
         assert self.made == 4
 
+    def test_a_file_that_others_could_write_is_replaced_by_one_that_counts(self) -> None:
+        """It took over the permissions of the old file, so the shapes were computed in every command."""
+        self.area()
+        (file,) = self.folder.rglob("*.npz")
+        file.chmod(0o664)
+        assert [self.area(), self.area()] == [1.0, 1.0]
+        assert self.made == 2
+
+    def test_a_link_in_the_cache_is_not_written_through(self, tmp_path: Path) -> None:
+        self.area()
+        (file,) = self.folder.rglob("*.npz")
+        (tmp_path / "notes").write_text("mine")
+        file.unlink()
+        file.symlink_to(tmp_path / "notes")
+        self.area()
+        assert (tmp_path / "notes").read_text() == "mine"
+
     def test_a_cache_that_cannot_be_written_is_ignored(self) -> None:
         self.folder.write_text("a file where the folder should be")
         assert [self.area(), self.area()] == [1.0, 1.0]
