@@ -12,12 +12,15 @@ MOST_DATA_BYTES = 1_000_000_000
 """Largest file of samples, bytes: ten hours of nine channels at 200 Hz as CSV."""
 
 MOST_COMPRESSION = 50
-"""Largest factor by which a recording may be compressed. A sensor's samples are by up to 5."""
+"""Largest factor by which a recording may be compressed. The samples of a moving sensor are by up to 5."""
 
 
-def refuse_bomb(path: Path, what: str, packed: int, unpacked: int) -> None:
-    """Refuse (RecordingError) to decompress `what`, of `packed` bytes, into far more bytes than samples need."""
-    if unpacked > min(MOST_DATA_BYTES, MOST_COMPRESSION * max(packed, 10_000)):
+def refuse_bomb(path: Path, what: str, packed: int, unpacked: int, harmless: int = 50_000_000) -> None:
+    """Refuse (RecordingError) to decompress `what`, of `packed` bytes, into far more bytes than samples need.
+
+    Up to `harmless` bytes are never too many.
+    """
+    if unpacked > min(MOST_DATA_BYTES, max(MOST_COMPRESSION * packed, harmless)):
         what = f"{what} of {amount(packed, 'byte')} decompresses to {unpacked / 1e6:.0f} MB, which is refused"
         raise RecordingError.at(path, f"{what}; record it again", value=unpacked)
 

@@ -376,11 +376,11 @@ def test_a_truncated_zip_and_a_zip_bomb_are_refused(tmp_path: Path, monkeypatch:
             read(half)
     monkeypatch.setattr(csv_bundle, "LARGEST_FILE", 100_000)
     with zipfile.ZipFile(half, "w", zipfile.ZIP_DEFLATED) as archive:
-        archive.writestr("TotalAcceleration.csv", b"0" * 1_000_000)
-    with pytest.raises(RecordingError, match="has 1 MB, more than the 0 MB that are read"):
+        archive.writestr("TotalAcceleration.csv", b"0" * 60_000_000)
+    with pytest.raises(RecordingError, match="has 60 MB, more than the 0 MB that are read"):
         read(half)
     monkeypatch.undo()
-    with pytest.raises(RecordingError, match=r"in it of \d+ bytes decompresses to 1 MB, which is refused"):
+    with pytest.raises(RecordingError, match=r"in it of \d+ bytes decompresses to 60 MB, which is refused"):
         read(half)
 
 
