@@ -81,11 +81,11 @@ class Sheet:
     def words(self, name: str) -> list[str]:
         """Return the cells of a column of text."""
         k = self.header.index(name)
-        return [row[k].strip() for _, row in self._rows(self.body, self.first_line) if row[k:]]
+        return [row[k].strip() for _, row in self.rows(self.body, self.first_line) if row[k:]]
 
     def cell(self, name: str, row: int) -> tuple[int, str]:
         """Return the line number and the text of a column's cell in a row, counted from 0."""
-        line, cells = next(islice(self._rows(self.body, self.first_line), row, None))
+        line, cells = next(islice(self.rows(self.body, self.first_line), row, None))
         k = self.header.index(name)
         return line, "".join(cells[k : k + 1]).strip()  # a row may be too short, which is refused when it is read
 
@@ -146,13 +146,13 @@ class Sheet:
     def _read_cells(self, block: str, first: int, columns: list[int], dated: Mapping[int, str]) -> Array:
         rows, width = [], len(self.header)
         plain = block.isascii() and "_" not in block  # float() accepts 1_000
-        for line, cells in self._rows(block, first):
+        for line, cells in self.rows(block, first):
             if len(cells) == width + 1 and not cells[-1].strip():
                 cells.pop()  # the line ends with a delimiter
             if len(cells) != width:
                 what = f"{len(cells)} cell{'s' if len(cells) != 1 else ''} where the header has {width}"
                 next_step = "correct or remove the line"
-                widths = [len(row) for _, row in islice(self._rows(block, first), 9)]
+                widths = [len(row) for _, row in islice(self.rows(block, first), 9)]
                 whole = re.compile(r"\s*-?\d+(e[-+]?\d+)?\s*").fullmatch
                 if 1.5 * width < len(cells) <= 2 * width and all(map(whole, cells)):
                     what += ", because commas are both its decimal marks and between its cells"
@@ -167,7 +167,7 @@ class Sheet:
             rows.append([self._number(line, k, cells[k], dated.get(k)) for k in columns])
         return np.array(rows, dtype=np.float64).reshape(len(rows), len(columns))
 
-    def _rows(self, text: str, first: int) -> Iterator[tuple[int, list[str]]]:
+    def rows(self, text: str, first: int) -> Iterator[tuple[int, list[str]]]:
         """Yield each row that is not empty: its first line's number, and its cells; the text begins in line `first`."""
         rows = csv.reader((line for block in _blocks(text) for line in block.split("\n")), delimiter=self.delimiter)
         line = first

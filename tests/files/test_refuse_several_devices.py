@@ -68,3 +68,11 @@ def test_rows_with_line_ends_in_cells_are_compared_whole(tmp_path: Path, monkeyp
     monkeypatch.setattr("pbd.files.importers.refuse_several_devices.TOP", 1000)
     rows = [(0.01 * k, f'"\nside {k % 2}"', hand(1)[k]) for k in range(N)]
     assert len(read(tmp_path, "note", rows)) == N
+
+
+def test_a_lone_quote_does_not_end_the_first_rows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("pbd.files.importers.refuse_several_devices.TOP", 20_000)
+    notes = {5: 'a pipe of 5"'}
+    rows = [(0.005 * k, f"{notes.get(k, '')},{k % 2}", hand(1 + k % 2)[k // 2]) for k in range(N)]
+    with pytest.raises(RecordingError, match="rows of 2 devices"):
+        read(tmp_path, "note,side", rows)

@@ -1,7 +1,5 @@
 """Rows of several devices in one table, which would be read as one sensor that jumps to and fro."""
 
-import csv
-import io
 import re
 from dataclasses import replace
 
@@ -48,11 +46,11 @@ def refuse_alternating_devices(sheet: Sheet, found: SourceColumns) -> None:
 
     It may have any name, as `side`. The readings then change less from row to row of one device than of the file.
     """
-    top = replace(sheet, body=_first_rows(sheet.body))
+    top = replace(sheet, body=_first_rows(sheet))
     sensors = [[column.name for column in found.of(channel)] for channel in ("acc", "gyr") if found.of(channel)]
     table = top.read([name for names in sensors for name in names])
-    rows_of_cells = filter(None, csv.reader(io.StringIO(top.body), delimiter=sheet.delimiter))
-    cells = dict(zip(sheet.header, zip(*rows_of_cells, strict=False), strict=False))
+    columns = zip(*(row for _, row in top.rows(top.body, 0)), strict=False)
+    cells = dict(zip(sheet.header, columns, strict=False))
     for name in filter(cells.__contains__, found.unread):
         words = [cell.strip() for cell in cells[name]]
         devices, device, rows = np.unique(words, return_inverse=True, return_counts=True)
@@ -67,13 +65,12 @@ def refuse_alternating_devices(sheet: Sheet, found: SourceColumns) -> None:
             raise _mixed(sheet, name, set(devices.tolist()))
 
 
-def _first_rows(body: str) -> str:
-    if len(body) <= TOP:
-        return body
-    rows = body[:TOP].rpartition("\n")[0]
-    while rows.count('"') % 2:  # it ends within a quoted cell
-        rows = rows.rpartition("\n")[0]
-    return rows or body
+def _first_rows(sheet: Sheet) -> str:
+    if len(sheet.body) <= TOP:
+        return sheet.body
+    *_, (line, _) = sheet.rows(sheet.body[:TOP], sheet.first_line)  # of the last row, which is cut
+    whole = line - sheet.first_line
+    return "\n".join(sheet.body[:TOP].split("\n", whole)[:whole])
 
 
 def _change(values: Array, counted: NDArray[np.bool_] | slice = slice(None)) -> float:
