@@ -47,6 +47,9 @@ logarithms."""
 TURN, LEVER, HOLD = slice(0, 3), slice(3, 6), slice(6, 9)
 """Q, l and H among a take's own unknowns."""
 
+OWN_PRIOR = np.repeat((np.inf, LEVER_M**2, HOLD_RAD**2), 3)
+"""Prior variances of Q (unknown), l (m2) and H (rad2). A smaller start lets the dock's scatter rise instead of H."""
+
 
 @dataclass(frozen=True, eq=False)
 class TaskState:
@@ -160,7 +163,7 @@ def estimate_jointly(
         _relative_covariance(marginal, observations.own[observations.take == k])
         for k, marginal in enumerate(observations.marginals)
     ]
-    variances = _own_variances(x, np.zeros((takes, HOLD.stop)))
+    variances = _own_variances(x, np.tile(OWN_PRIOR, (takes, 1)))
     for _ in range(iterations):
         r, J = _residuals(observations, x)
         hand = scatter.sigma[observations.at].ravel() ** 2
