@@ -55,7 +55,7 @@ def require_covariance(owner: Any, *names: str) -> None:
         cov = getattr(owner, name)
         if cov is None:
             continue
-        rounding = 1e-5 * np.abs(cov).max()
+        rounding = 1e-6 * np.abs(cov).max()  # of float32; m2 may stand beside rad2 that are 10,000 times as large
         if np.abs(cov - cov.T).max() > rounding or np.diagonal(cov).min() < -rounding:
             raise wrong_value(owner, name, "must be symmetric, with variances of 0 or above")
 

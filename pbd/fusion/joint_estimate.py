@@ -20,18 +20,18 @@ from numpy.typing import NDArray
 
 from pbd.fusion.elimination import Part, Precision, by_take, solve
 from pbd.fusion.marginals import BIAS_PART, DEVICE_ERRORS, Marginal
-from pbd.fusion.scatter import HAND_RAD, Scatter
+from pbd.fusion.scatter import HAND_RAD, LEVER_M, Scatter
 from pbd.pose import Array, matrix_log, quat_about_z, quat_exp, quat_to_matrix, skew
 from pbd.tracking.estimate import relative_to_first
 from pbd.tracking.smoother.preintegration import ACC_MATRIX, GYR_MATRIX
 from pbd.tracking.smoother.state import lower_matrix
 
-LEVER_M, LARGEST_LEVER_M = 0.005, 0.05
-"""Sigma of the levers along each axis, m: its prior, and its largest value, half a hand's width. Without a bound,
-differing takes get levers of metres."""
+LARGEST_LEVER_M = 0.05
+"""Largest sigma of the levers along each axis, m: half a hand's width. Without a bound, differing takes get levers of
+metres."""
 
-HOLD_RAD, LARGEST_HOLD_RAD = HAND_RAD, np.radians(10.0)
-"""Likewise sigma of H about each axis, rad. If takes differ by more, the sensor was turned between the dock and the
+LARGEST_HOLD_RAD = np.radians(10.0)
+"""Largest sigma of H about each axis, rad. If takes differ by more, the sensor was turned between the dock and the
 task, so that the dock does not show how it sits in the hand."""
 
 PRIOR_FREEDOM = 3.0
@@ -46,9 +46,6 @@ logarithms."""
 
 TURN, LEVER, HOLD = slice(0, 3), slice(3, 6), slice(6, 9)
 """Q, l and H among a take's own unknowns."""
-
-OWN_PRIOR = np.repeat((np.inf, LEVER_M**2, HOLD_RAD**2), 3)
-"""Prior variances of Q (unknown), l (m2) and H (rad2). A smaller start lets the dock's scatter rise instead of H."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,18 +160,18 @@ def estimate_jointly(
         _relative_covariance(marginal, observations.own[observations.take == k])
         for k, marginal in enumerate(observations.marginals)
     ]
-    variances = _own_variances(x, np.tile(OWN_PRIOR, (takes, 1)))
     for _ in range(iterations):
         r, J = _residuals(observations, x)
         hand = scatter.sigma[observations.at].ravel() ** 2
         tracking = [scatter.tracker * cov for cov in _in_task_frame(observations, covs, x.Rz)]
         rows_covs = zip(observations.rows, tracking, strict=True)
         weights: list[Array] = [np.asarray(np.linalg.inv(cov + np.diag(hand[rows]))) for rows, cov in rows_covs]
-        solved = solve(_parts(observations, x, *variances), weights, J, r)
+        solved = solve(_parts(observations, x, *scatter.own_variances), weights, J, r)
         x = _updated(x, solved.steps)
-        variances = _own_variances(x, np.array([np.diagonal(cov)[: HOLD.stop] for cov in solved.covs[:takes]]))
         weighted = by_take(weights, solved.residuals)
         before, scatter = scatter, scatter.improved(solved.precision, weighted, group, tracking)
+        own = np.array([np.diagonal(cov)[: HOLD.stop] for cov in solved.covs[:takes]])
+        scatter = replace(scatter, own_variances=_own_variances(x, own))
         if solved.fall < CONVERGED and scatter.change(before) < CONVERGED_LOG:
             break
     turn_sigma = np.sqrt([np.linalg.eigvalsh(cov[TURN, TURN])[-1] for cov in solved.covs[:takes]])
@@ -191,7 +188,7 @@ def _own_variances(x: TaskState, own: Array) -> tuple[float, float]:
     found = []
     for value, part, first, prior, largest in (
         (x.lever, LEVER, 1, LEVER_M, LARGEST_LEVER_M),
-        (matrix_log(x.H), HOLD, 0, HOLD_RAD, LARGEST_HOLD_RAD),
+        (matrix_log(x.H), HOLD, 0, HAND_RAD, LARGEST_HOLD_RAD),
     ):
         squares = (value**2 + own[:, part])[first:]
         shown = (float(squares.sum()) + PRIOR_FREEDOM * prior**2) / (squares.size + PRIOR_FREEDOM)

@@ -24,6 +24,9 @@ HAND_M, HAND_RAD, HAND_SPREAD = 0.002, np.radians(2.0), 1.4
 DOCK_M, DOCK_RAD, DOCK_SPREAD = 0.0005, np.radians(0.2), 1.0
 """Prior of the scatter at the first keyframe, the dock: m, rad, and the sigma of their logarithms."""
 
+LEVER_M = 0.005
+"""Prior sigma of the sensor's shift in the hand between takes, m along each axis."""
+
 KEYFRAME_SPREAD = 0.5
 """Prior sigma of the logarithm of one keyframe's scatter along one axis, about the scatter of all keyframes."""
 
@@ -46,6 +49,8 @@ class Scatter:
         log_sigma: (g,) one sigma of the logarithms as estimated.
         tracker: factor of the tracker's own covariance.
         tracker_freedom: degrees of freedom of that factor's prior; infinite holds the factor fixed.
+        own_variances: of the levers (m2) and of H (rad2), see `pbd.fusion.joint_estimate`. They start at their priors:
+            below, the dock's scatter would rise in their place.
     """
 
     group: NDArray[np.intp]
@@ -55,6 +60,7 @@ class Scatter:
     log_sigma: Array
     tracker: float = 1.0
     tracker_freedom: float = np.inf
+    own_variances: tuple[float, float] = (LEVER_M**2, HAND_RAD**2)
 
     @property
     def sigma(self) -> Array:
@@ -113,4 +119,4 @@ def keyframe_scatter(common: Scatter) -> Scatter:
     group = np.arange(4 * count).reshape(count, 4)[:, (0, 1, 2, 3, 3, 3)]
     mean = common.log[common.group][:, :4].ravel()
     spread = np.full(4 * count, KEYFRAME_SPREAD)
-    return Scatter(group, mean, mean, spread, spread, common.tracker)
+    return Scatter(group, mean, mean, spread, spread, common.tracker, own_variances=common.own_variances)
