@@ -93,7 +93,8 @@ def _is_outlier(
 
     prior = replace(common_scatter(len(joint.state.m)), log=joint.scatter.log)
     without = estimate_jointly(rest, joint.state, prior).scatter
-    raised = replace(without, log=without.log + RAISED_SIGMAS * without.log_sigma)
+    log, own = without.log + RAISED_SIGMAS * without.log_sigma, joint.scatter.own_variances
+    raised = replace(without, log=log, own_variances=own)  # a sensor may sit elsewhere in the hand in one take alone
     again = estimate_jointly(observations, joint.state, raised, iterations=1)
     position, attitude = rows.reshape(-1, 2, 3).swapaxes(0, 1).reshape(2, -1)
     limit = chdtri(len(position), 0.5 * FALSE_ALARM_CHANCE / tests)
