@@ -9,7 +9,7 @@ import numpy as np
 from pbd.data import Calibration, Demonstration, FusedTake, HandPath
 from pbd.errors import RecordingError, TrackingError, in_degrees, warn
 from pbd.fusion.grips import differing_grips
-from pbd.fusion.joint_estimate import LARGEST_LEVER_M, Observations, TaskState, estimate_jointly
+from pbd.fusion.joint_estimate import LARGEST_HOLD_RAD, LARGEST_LEVER_M, Observations, TaskState, estimate_jointly
 from pbd.fusion.known_stops import condition_on_known_stops
 from pbd.fusion.marginals import estimate_with_device, marginal_of
 from pbd.fusion.matching import MATCH_M, Alignment, Keyframes, align_takes
@@ -18,6 +18,7 @@ from pbd.fusion.outliers import disagreement, outlying_take, without_outlying_ke
 from pbd.fusion.result import Fused, fused_hand_path
 from pbd.fusion.scatter import TRACKER_FREEDOM, common_scatter, keyframe_scatter
 from pbd.fusion.takes import Take, initial_estimate, matched_keyframes, refuse_other_tasks, tracked_take
+from pbd.pose import lengths, matrix_log
 
 
 def fused_path(demo: Demonstration, method: str, calibration: Calibration | None, accept_gap: bool) -> HandPath:
@@ -39,7 +40,7 @@ def fused_path(demo: Demonstration, method: str, calibration: Calibration | None
     path = fused_hand_path(demo, fused, calibration, accept_gap)
     assert path.fusion is not None
     lines = _exclusions(path.fusion.takes) + differing_grips(fused.kept, fused.takes)
-    lines.append(_shifted_sensors(path.fusion.takes))
+    lines += [_shifted_sensors(path.fusion.takes), _turned_sensors(fused)]
     lines.append(disagreement(fused.observations, fused.joint, [takes[k].name for k in fused.used]))
     if path.fusion.overall[0] > MATCH_M:
         mm = f"{1e3 * path.fusion.overall[0]:.0f} mm"
@@ -122,6 +123,18 @@ def _shifted_sensors(takes: Sequence[FusedTake]) -> str:
         f"in {' and '.join(far)} the sensor seems to sit {100.0 * max(levers.values()):.0f} cm from its place in the "
         f"hand in {first}; if nobody moved it, something stood elsewhere, and the keyframes are where {first} had "
         "them: record the takes that are wrong again"
+    )
+
+
+def _turned_sensors(fused: Fused) -> str:
+    """Say in which takes the sensor was turned in the hand between the dock and the task; "" if in none."""
+    rad = lengths(matrix_log(fused.joint.state.H))
+    far = [fused.takes[k].name for k, each in zip(fused.used, rad, strict=True) if each > LARGEST_HOLD_RAD]
+    if not far:
+        return ""
+    return (
+        f"in {' and '.join(far)} the sensor seems to be turned in the hand after the dock, by up to "
+        f"{in_degrees(rad.max())} from the mean of the takes, which is used; hold it alike, and record those again"
     )
 
 

@@ -340,6 +340,19 @@ def test_a_keyframe_whose_attitude_is_off_is_said_so(takes: list[Demonstration],
     assert np.degrees(not_none(fused.fusion).takes[3].off_rad[3]) == pytest.approx(40.0, abs=6.0)
 
 
+@pytest.mark.parametrize(("degrees", "warned"), [(20.0, True), (3.0, False)])
+def test_a_sensor_that_is_turned_in_the_hand_after_the_dock_is_warned_of(
+    takes: list[Demonstration], degrees: float, warned: bool
+) -> None:
+    task = takes_of(Scenario("wt901", 1), SEED)[1]
+    p, A = hand_poses(task)
+    A[1:] = quat_multiply(A[1:], quat_exp((np.radians(degrees), 0.0, 0.0)))
+    turned = simulate(_through(task, p, A, np.ones(7)), one_device(SENSOR_MODELS["wt901"], SEED), 1)
+    with collected_warnings() as lines:
+        pbd.fuse([*takes[:3], renamed(turned, "turned")])
+    assert any(line.startswith("in turned the sensor seems to be turned in the hand") for line in lines) == warned
+
+
 def test_two_tasks_that_match_by_chance_are_warned_of(takes: list[Demonstration], path: HandPath) -> None:
     task = takes_of(Scenario("wt901", 1), SEED)[1]
     p, A = hand_poses(task)
