@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from pbd.calibration.rests import Rests, count_orientations, rms
 from pbd.data import GRAVITY, LinearErrors
 from pbd.data.units import MG
-from pbd.errors import CalibrationError
+from pbd.errors import CalibrationError, amount
 from pbd.pose import Array
 
 FEWEST_ORIENTATIONS = 4
@@ -74,6 +74,8 @@ def fit_accelerometer(rests: Rests, gravity: float = GRAVITY) -> AccelerometerFi
         found = f"{len(rests)} rests show only {different} {orientation}"
         if len(rests) == 1:
             found = "the sensor was put down once"
+        if rests.turning:
+            found += f", and in {amount(rests.turning, 'other rest')} it turned slowly (lay it down, and let go)"
         raise CalibrationError(
             f"{found}; the accelerometer needs {FEWEST_ORIENTATIONS} orientations, best 12: each of six sides and six "
             "edges up, 2 s each (for the gyro's bias alone: --only gyr)",

@@ -217,6 +217,9 @@ def test_orientations_that_are_too_few_or_alike_are_refused(count: int) -> None:
     alike = SIDES[[0] * 6] + 0.05 * np.random.default_rng(0).normal(size=(6, 3))
     with pytest.raises(CalibrationError, match="6 rests show only 1 orientation 15 degrees"):
         fit_accelerometer(accelerometer_rests(9.81 * alike))
+    held = replace(accelerometer_rests(9.81 * SIDES[:1]), turning=11)
+    with pytest.raises(CalibrationError, match=r"put down once, and in 11 other rests it turned slowly \(lay it down"):
+        fit_accelerometer(held)
 
 
 def test_another_gravity_gives_another_scale(rests: Rests) -> None:
