@@ -9,7 +9,7 @@ from pbd.data import Calibration, Demonstration, HandPath, Keyframe
 from pbd.errors import TrackingError, collected_warnings, errors_about, warn
 from pbd.fusion.joint_estimate import Observations, TaskState
 from pbd.fusion.marginals import DEVICE_ERRORS, Marginal, marginal_of
-from pbd.fusion.matching import Alignment, Keyframes
+from pbd.fusion.matching import Alignment, Keyframes, align_takes
 from pbd.fusion.moved_things import MovedKeyframes
 from pbd.track_recording import track_recording
 from pbd.tracking.keyframes import find_keyframes
@@ -82,12 +82,18 @@ def refuse_other_tasks(takes: Sequence[Take], alignment: Alignment) -> None:
     """
     if 2 * len(alignment.registered) > len(takes):
         return
-    reference = next(iter(alignment.registered))
-    other = takes[alignment.strangers[0]]
+    one, other = takes[next(iter(alignment.registered))], takes[alignment.strangers[0]]
+    if min(len(one.knots), len(other.knots)) > 2:
+        away = [matched_keyframes(take)[list(range(1, len(take.knots)))] for take in (one, other)]
+        if not align_takes(away).strangers:
+            raise TrackingError(
+                f"{one.name} and {other.name} match, but for the dock: the sensor lay in another place there, or was "
+                "turned otherwise than in the hand; start in the same dock, and if you turn the sensor in the hand, "
+                "turn it in the dock too"
+            )
     raise TrackingError(
-        f"{takes[reference].name} ({len(takes[reference].knots)} stops) and {other.name} ({len(other.knots)} stops) "
-        "are of different tasks: fewer than half of their keyframes match, or the first ones do not; fuse takes of one "
-        "task"
+        f"{one.name} ({len(one.knots)} stops) and {other.name} ({len(other.knots)} stops) are of different tasks: "
+        "fewer than half of their keyframes match; fuse takes of one task"
     )
 
 
