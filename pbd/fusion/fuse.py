@@ -70,7 +70,7 @@ def estimate_task(takes: Sequence[Take], calibration: Calibration | None = None)
 
     moved, alignment = _matched([matched_keyframes(take) for take in takes])
     refuse_other_tasks(takes, alignment)
-    left_out = dict.fromkeys(alignment.strangers, "another task, or only a part of it")
+    left_out = dict.fromkeys(alignment.strangers, "another task or another dock, or only a part of it")
     while True:
         used = sorted(alignment.registered)
         observations, x = initial_estimate(takes, used, alignment, moved)
@@ -93,12 +93,12 @@ def estimate_task(takes: Sequence[Take], calibration: Calibration | None = None)
     joint = estimate_jointly(observations, joint.state, joint.scatter)
     # A factor for the tracker's covariance, as the takes show it, makes the sigmas honest but not the estimate better.
     honest = estimate_jointly(observations, joint.state, replace(joint.scatter, tracker_freedom=TRACKER_FREEDOM))
-    scatter = estimate_jointly(observations, joint.state, keyframe_scatter(honest.scatter)).scatter
-    joint = replace(honest, state=joint.state.in_case_axes(observations.device[0]))
+    each = estimate_jointly(observations, joint.state, keyframe_scatter(honest.scatter))
+    joint = replace(honest, state=joint.state.in_case_axes(observations.device[0]), cov=each.cov)
     _, kept = alignment.kept()
     for line in _undecided_stops(alignment, takes):
         warn(line)
-    return Fused(takes, used, left_out, kept, outliers, observations, joint, scatter, states)
+    return Fused(takes, used, left_out, kept, outliers, observations, joint, each.scatter, states)
 
 
 def _matched(shown: Sequence[Keyframes]) -> tuple[MovedKeyframes | None, Alignment]:

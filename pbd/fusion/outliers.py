@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from pbd.fusion.joint_estimate import JointEstimate, Observations, estimate_jointly
 from pbd.fusion.matching import TURN_LEVER_M
-from pbd.fusion.scatter import common_scatter
+from pbd.fusion.scatter import common_scatter, keyframe_scatter
 from pbd.pose import lengths
 
 FALSE_ALARM_CHANCE = 0.01
@@ -87,12 +87,15 @@ def _is_outlier(
 ) -> bool:
     """Say whether some keyframes' positions or attitudes don't fit, with the scatter that the rest shows.
 
-    Each is tested apart: a fault is mostly of one kind.
+    Each is tested apart: a fault is mostly of one kind. A single keyframe is tested with its own scatter: at some the
+    hand is less careful than at most.
     """
     from scipy.special import chdtri
 
     prior = replace(common_scatter(len(joint.state.m)), log=joint.scatter.log)
     without = estimate_jointly(rest, joint.state, prior).scatter
+    if len(rows) == 6:
+        without = estimate_jointly(rest, joint.state, keyframe_scatter(without)).scatter
     log, own = without.log + RAISED_SIGMAS * without.log_sigma, joint.scatter.own_variances
     raised = replace(without, log=log, own_variances=own)  # a sensor may sit elsewhere in the hand in one take alone
     again = estimate_jointly(observations, joint.state, raised, iterations=1)

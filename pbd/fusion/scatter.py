@@ -15,14 +15,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from pbd.data.calibration import DOCK_SIGMA_RAD
 from pbd.fusion.elimination import Precision, by_take
 from pbd.pose import Array
 
 HAND_M, HAND_RAD, HAND_SPREAD = 0.002, np.radians(2.0), 1.4
 """Prior of a hand's scatter: m along each axis, rad about each axis, and the sigma of their logarithms."""
 
-DOCK_M, DOCK_RAD, DOCK_SPREAD = 0.0005, np.radians(0.2), 1.0
-"""Prior of the scatter at the first keyframe, the dock: m, rad, and the sigma of their logarithms."""
+DOCK_M, DOCK_TILT, DOCK_SPREAD = 0.0005, np.radians(0.2), 1.0
+"""Prior of the scatter at the first keyframe, the dock: m, rad of tilt, and the sigma of their logarithms. That of its
+heading, which a table does not hold, is DOCK_SIGMA_RAD."""
 
 LEVER_M = 0.005
 """Prior sigma of the sensor's shift in the hand between takes, m along each axis."""
@@ -107,16 +109,18 @@ class Scatter:
 def common_scatter(count: int) -> Scatter:
     """Return the prior of one scatter for all keyframes; the first keyframe, which is the dock, has its own."""
     group = np.tile(np.repeat((2, 3), 3), (count, 1))
-    group[0] = np.repeat((0, 1), 3)
-    mean = np.log((DOCK_M, DOCK_RAD, HAND_M, HAND_RAD))
-    spread = np.array((DOCK_SPREAD, DOCK_SPREAD, HAND_SPREAD, HAND_SPREAD))
+    group[0] = (0, 0, 0, 1, 1, 4)
+    mean = np.log((DOCK_M, DOCK_TILT, HAND_M, HAND_RAD, DOCK_SIGMA_RAD))
+    spread = np.array((DOCK_SPREAD, DOCK_SPREAD, HAND_SPREAD, HAND_SPREAD, DOCK_SPREAD))
     return Scatter(group, mean, mean, spread, spread)
 
 
 def keyframe_scatter(common: Scatter) -> Scatter:
-    """Return the prior of a scatter for each keyframe, along each axis and in rotation, from the common scatter."""
+    """Return the prior of a scatter for each keyframe, along each axis and in rotation (at the dock in tilt and in
+    heading), from the common scatter."""
     count = len(common.group)
     group = np.arange(4 * count).reshape(count, 4)[:, (0, 1, 2, 3, 3, 3)]
-    mean = common.log[common.group][:, :4].ravel()
-    spread = np.full(4 * count, KEYFRAME_SPREAD)
+    group[0, 5] = 4 * count
+    mean = common.log[[*common.group[:, :4].ravel(), common.group[0, 5]]]
+    spread = np.full(len(mean), KEYFRAME_SPREAD)
     return Scatter(group, mean, mean, spread, spread, common.tracker, own_variances=common.own_variances)

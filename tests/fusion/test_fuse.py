@@ -353,6 +353,28 @@ def test_a_sensor_that_is_turned_in_the_hand_after_the_dock_is_warned_of(
     assert any(line.startswith("in turned the sensor seems to be turned in the hand") for line in lines) == warned
 
 
+def test_a_hand_that_is_careless_at_one_keyframe_is_believed_and_less_certain_there() -> None:
+    """By the scatter of all keyframes, takes were left out there, and the others seemed as certain as elsewhere."""
+    task = takes_of(Scenario("wt901", 1), SEED)[1]
+    (p, A), model = hand_poses(task), one_device(SENSOR_MODELS["wt901"], SEED)
+    miss = 0.001 * np.random.default_rng(1).normal(size=(4, 7, 3)) * np.array((0, 1, 1, 8, 1, 1, 1))[:, None]
+    shown = [simulate(_through(task, p + by, A, np.ones(7)), model, k) for k, by in enumerate(miss)]
+    with collected_warnings() as lines:
+        fused = pbd.fuse([renamed(demo, f"tea{k}") for k, demo in enumerate(shown)])
+    assert not [line for line in lines if "not believed" in line]
+    sigma = np.sqrt(np.trace(fused.cov[:, :3, :3], axis1=1, axis2=2))
+    assert sigma[3] > 1.5 * sigma[[2, 4]].max()
+
+
+def test_takes_docked_otherwise_than_the_hand_holds_the_sensor_are_told_so(takes: list[Demonstration]) -> None:
+    task = takes_of(Scenario("wt901", 1), SEED)[1]
+    p, A = hand_poses(task)
+    A[1:] = quat_multiply(A[1:], quat_exp((0.0, 0.0, 0.5 * np.pi)))
+    other = simulate(_through(task, p, A, np.ones(7)), one_device(SENSOR_MODELS["wt901"], SEED), 1)
+    with pytest.raises(TrackingError, match=r"take 1 and other match, but for the dock: .* turn it in the dock too"):
+        pbd.fuse([takes[0], renamed(other, "other")])
+
+
 def test_two_tasks_that_match_by_chance_are_warned_of(takes: list[Demonstration], path: HandPath) -> None:
     task = takes_of(Scenario("wt901", 1), SEED)[1]
     p, A = hand_poses(task)

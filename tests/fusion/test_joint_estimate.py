@@ -69,12 +69,12 @@ def test_a_hand_that_holds_the_sensor_otherwise_in_each_take_does_not_tilt_the_d
     for take, Q, H in zip(takes.marginals, true.Q, held, strict=True):
         take.R[1:] = take.R[1:] @ Q @ H.T @ Q.T
     found = estimate_jointly(takes, initial_state(true), common_scatter(6))
-    off = np.degrees(np.linalg.norm(matrix_log(found.state.A @ true.A.transpose(0, 2, 1)), axis=1))
-    assert off[0] < 0.1
-    assert off[1:].max() < 0.3  # the mean of the four
+    off = np.degrees(np.abs(matrix_log(found.state.A @ true.A.transpose(0, 2, 1))))
+    assert off[0, :2].max() < 0.1
+    assert off[1:].max() < 0.5  # the mean of the four
     cov = found.cov.reshape(6, 6, 6, 6)
     sigma = np.degrees(np.sqrt([np.linalg.eigvalsh(cov[j, 3:, j, 3:])[-1] for j in range(6)]))
-    assert sigma[0] < 0.3
+    assert np.degrees(np.sqrt(np.diagonal(cov[0, 3:5, 0, 3:5])).max()) < 0.3
     assert np.all((sigma[1:] > 1.0) & (sigma[1:] < 2.5))  # 3 degrees rms, of four
 
 
@@ -87,6 +87,18 @@ def test_many_takes_held_otherwise_do_not_tilt_the_dock() -> None:
         take.R[1:] = take.R[1:] @ Q @ H.T @ Q.T
     found = estimate_jointly(takes, initial_state(true), common_scatter(6))
     assert np.degrees(np.linalg.norm(matrix_log(found.state.A[0] @ true.A[0].T))) < 0.1
+
+
+def test_a_sensor_docked_with_another_heading_in_each_take_does_not_turn_the_task() -> None:
+    """The hold away from the dock explained it: the heading was the first take's, to a fifth of a degree."""
+    true = truth(8)
+    takes = observations(true, np.array(MM), MM)
+    for take, heading_deg in zip(takes.marginals, (2.0, -2.0, 2.0, 1.0, -2.0, 0.0, 1.0, -2.0), strict=True):
+        take.R[0] = rotations(np.radians((0.0, 0.0, heading_deg))) @ take.R[0]
+    found = estimate_jointly(takes, initial_state(true), common_scatter(6))
+    off = np.degrees(matrix_log(found.state.A @ true.A.transpose(0, 2, 1))[0, 2])
+    assert abs(off) < 1.0
+    assert abs(off) < 2.0 * np.degrees(np.sqrt(found.cov[5, 5]))
 
 
 def test_frames_levers_and_rotations_in_the_hand_are_found() -> None:
@@ -120,7 +132,7 @@ def test_one_iteration_suffices_for_another_scatter_held_fixed() -> None:
     true = truth(4)
     takes = observations(true, np.array(2.0 * MM), MM)
     joint = estimate_jointly(takes, initial_state(true), common_scatter(6))
-    held = replace(joint.scatter, prior_log=joint.scatter.log, prior_spread=np.full(4, 1e-3))
+    held = replace(joint.scatter, prior_log=joint.scatter.log, prior_spread=np.full(5, 1e-3))
     sets = list(np.arange(6 * len(takes.at)).reshape(-1, 6))
     one, all_ = (estimate_jointly(takes, joint.state, held, n).chi_squares(sets) for n in (1, MAX_ITERATIONS))
     np.testing.assert_allclose(one, all_, rtol=0.1)
@@ -228,7 +240,7 @@ def test_an_outlying_keyframe_of_a_take_is_left_out(
     assert outliers(takes, true) == (take, keyframes)
 
 
-@pytest.mark.parametrize(("by", "keyframes"), [(0.0, ()), (0.010, ()), (0.012, ((2, 4),))])
+@pytest.mark.parametrize(("by", "keyframes"), [(0.0, ()), (0.018, ()), (0.020, ((2, 4),))])
 def test_the_scatter_that_three_takes_show_is_raised_before_one_is_tested(
     by: float, keyframes: tuple[tuple[int, int], ...]
 ) -> None:
