@@ -150,9 +150,11 @@ def plan_demonstration(args: argparse.Namespace, measured: tuple[float, ...] | N
     robot, calibration = load_robot_and_calibration(args.robot, args.calibration)
     path, _ = track_demonstration(args, demo, calibration)
     options = plan_options(args, robot, measured)
-    asked = "--dwell" if options.dwell_s is not None else "--time demo" if options.time == "demo" else ""
-    edited = demo.keyframes if asked else None
-    if edited is not None and dwells(edited, options) == dwells(edited, PlanOptions(dwell_s=math.inf)):
+    longest = options.dwell_s
+    if longest is None:
+        longest = math.inf if options.time == "demo" else 0.0
+    if demo.keyframes is not None and longest > max(dwells(demo.keyframes, PlanOptions(dwell_s=math.inf))):
+        asked = "--time demo" if options.dwell_s is None else "--dwell"
         warn(f"{asked} changes no stay: {demo.folder}/{KEYFRAMES_FILE} says how long each is; edit its dwell_s")
     with working(f"planning for {robot.name}"):
         return plan_path(path, calibration, robot, options)

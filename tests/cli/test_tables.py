@@ -199,7 +199,13 @@ def test_force_overwrites_a_file_that_cannot_be_read(tea: Path, capsys: pytest.C
 
 @pytest.mark.parametrize(
     ("option", "said"),
-    [(("--dwell", "100"), True), (("--dwell", "0.2"), False), (("--time", "demo"), True), ((), False)],
+    [
+        (("--dwell", "100"), True),
+        (("--dwell", "0.5"), False),  # as saved
+        (("--dwell", "0.2"), False),
+        (("--time", "demo"), True),
+        ((), False),
+    ],
 )
 def test_an_option_that_changes_no_saved_stay_is_told(
     tea: Path, capsys: pytest.CaptureFixture[str], option: tuple[str, ...], said: bool
