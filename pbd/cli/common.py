@@ -152,7 +152,8 @@ def plan_demonstration(args: argparse.Namespace, measured: tuple[float, ...] | N
     options = plan_options(args, robot, measured)
     longest = options.dwell_s
     if longest is None:
-        longest = math.inf if options.time == "demo" else 0.0
+        hand = [round(stop.dwell_s, 3) for stop in path.stops[1:-1]]  # as keyframes.toml rounds
+        longest = max(hand, default=0.0) if options.time == "demo" else 0.0
     if demo.keyframes is not None and longest > max(dwells(demo.keyframes, PlanOptions(dwell_s=math.inf))):
         asked = "--time demo" if options.dwell_s is None else "--dwell"
         warn(f"{asked} changes no stay: {demo.folder}/{KEYFRAMES_FILE} says how long each is; edit its dwell_s")

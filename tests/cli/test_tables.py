@@ -239,6 +239,8 @@ def test_with_the_hands_time_the_hands_own_dwells_are_saved(tea: Path, capsys: p
     saved = keyframes_of(capsys)
     assert [row["dwell_s"] for row in saved] == pytest.approx([row["dwell_s"] for row in found], abs=6e-4)
     assert max(row["dwell_s"] for row in found) > 0.5
+    assert main(["export", "tea", "--robot", "panda", "--format", "csv", "-o", "m.csv", "--time", "demo"]) == 0
+    assert "changes no stay" not in capsys.readouterr().err
 
 
 @pytest.mark.usefixtures("elsewhere")
