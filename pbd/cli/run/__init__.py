@@ -56,7 +56,7 @@ def run(args: argparse.Namespace) -> int:
     if args.release:
         _release_servos(args, robot)
         return 0
-    if args.yes and args.demo is None:
+    if args.yes and not args.dry_run and args.demo is None:
         raise UsageError("with --yes the arm moves unasked: name the demonstration, so that it is not just the newest")
     return drive_arm(args, robot)
 
