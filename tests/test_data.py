@@ -319,3 +319,8 @@ def test_a_person_sees_how_much_there_is() -> None:
 def test_a_path_has_a_covariance_of_all_its_stops() -> None:
     with pytest.raises(ValueError, match=r"HandPath\.covariance must be of 2 poses, got 1"):
         VALUES["HandPath"][0](**sources("HandPath"), covariance=PoseCovariance.chained(np.zeros((1, 6, 6))))
+
+
+def test_a_negative_variance_in_m2_is_refused_beside_large_ones_in_rad2() -> None:
+    with pytest.raises(WrongValueError, match="with variances of 0 or above"):
+        Keyframe(0.0, 1.0, Pose.identity(), np.diag((-9e-8, 1e-6, 1e-6, 1e-2, 1e-2, 1e-2)))

@@ -139,7 +139,7 @@ def _still(what: str, t: Array, values: Array, variance: Array) -> NDArray[np.bo
 
 
 def _long_spans(windows: NDArray[np.bool_], length: int, rate_hz: float) -> list[tuple[int, int]]:
-    """Return ranges of rows from runs of windows of `length` samples: those that last, without 0.2 s at each end."""
+    """Return the rows of each run of windows of `length` samples that is a rest, without 0.2 s at each end."""
     from scipy.ndimage import find_objects, label
 
     edge = round(0.2 * rate_hz)

@@ -35,7 +35,7 @@ LARGEST_HOLD_RAD = np.radians(10.0)
 task, so that the dock does not show how it sits in the hand."""
 
 PRIOR_FREEDOM = 3.0
-"""Degrees of freedom of the priors of these sigmas."""
+"""Degrees of freedom of the priors of the levers' and of H's sigma."""
 
 DAMPING = 0.01
 """Damping (1/m2, 1/rad2) of all unknowns but the devices' errors, so that no matrix is singular."""

@@ -56,6 +56,7 @@ GAUSS_LEGENDRE = ((5 / 18, 0.5 - sqrt(0.15)), (8 / 18, 0.5), (5 / 18, 0.5 + sqrt
 
 BIASES = np.arange(STATES)[SENSOR_ERRORS][np.r_[GYR_BIAS, ACC_BIAS]]
 OF_POSE = np.ix_(np.r_[POS, ROT], np.r_[POS, ROT])
+"""Rows and columns of a pose's covariance: position, rotation."""
 
 
 class ErrorStateFilter:
