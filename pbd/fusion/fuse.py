@@ -62,9 +62,10 @@ def estimate_task(takes: Sequence[Take], calibration: Calibration | None = None)
 
     def with_known_stops(observations: Observations, x: TaskState, refuse: bool = False) -> Observations:
         """Return the observations conditioned on what is known of each take's stops."""
+        Qs = np.stack((x.Q, x.Q @ x.H), axis=1)
         marginals = [
             condition_on_known_stops(takes[k], marginal, Q, lever, calibration, refuse)
-            for k, marginal, Q, lever in zip(used, observations.marginals, x.Q @ x.H, x.lever, strict=True)
+            for k, marginal, Q, lever in zip(used, observations.marginals, Qs, x.lever, strict=True)
         ]
         return replace(observations, marginals=tuple(marginals))
 

@@ -23,7 +23,8 @@ def condition_on_known_stops(
 
     Args:
         take, marginal: a take and its marginal, not conditioned yet.
-        Q, lever: (3, 3) and (3,) m, the sensor's rotation and shift in the hand relative to the first take.
+        Q, lever: (2, 3, 3) and (3,) m, the sensor's rotation (in the dock, and away from it) and shift in the hand,
+            relative to the first take.
         calibration: its mount is that of the first take.
         refuse: raise an error where a claim contradicts the take. Not for first guesses of Q and lever.
 
@@ -35,7 +36,8 @@ def condition_on_known_stops(
     known = tracking.demo.known
     known = replace(known, places=tuple(place for place in known.places if place.p_base_tool is None))
     T_sensor_tool = Pose(mount.T_sensor_tool.p - lever, mount.T_sensor_tool.wxyz)
-    wxyz = quat_multiply(take.path.wxyz_nav_sensor, quat_from_matrix(Q))
+    away = (np.arange(len(take.path.t)) >= take.path.stops[0].stop).astype(int)
+    wxyz = quat_multiply(take.path.wxyz_nav_sensor, quat_from_matrix(Q)[away])
     # claims_of warns of a single contact with a table of unknown height. Here such a contact just says nothing.
     with collected_warnings(), errors_about(take.name):
         mounted = replace(mount, T_sensor_tool=T_sensor_tool)

@@ -30,7 +30,7 @@ from pbd.tracking.keyframes import find_keyframes
 from pbd.view.units import Units
 from tests.benchmarks.fuse import Scenario, _through, hand_poses, one_device, takes_of
 from tests.benchmarks.fuse import _shape as shape_errors
-from tests.fusion.made_up_takes import observations, truth
+from tests.fusion.made_up_takes import observations, rotations, truth
 from tests.not_none import not_none
 
 pytestmark = pytest.mark.usefixtures("cached_results")
@@ -452,7 +452,7 @@ def test_a_known_stop_that_contradicts_a_take_is_refused_only_where_it_is_asked(
     if kind == "place":
         known = {"places": (Place((middles[2], middles[5])),)}
     take = tracked_take(replace(takes[0], **known), None, False)
-    condition = partial(condition_on_known_stops, take, take.marginal, np.eye(3), np.zeros(3), None)
+    condition = partial(condition_on_known_stops, take, take.marginal, np.tile(np.eye(3), (2, 1, 1)), np.zeros(3), None)
     condition(refuse=False)
     with pytest.raises(TrackingError, match=r"take 1: demo.toml says that .* but it is .* off"):
         condition(refuse=True)
@@ -462,8 +462,9 @@ def test_what_is_known_of_a_stop_holds_for_the_first_takes_place_in_the_hand(tak
     keyframes = find_keyframes(track(takes[0].recording))
     known = (Contact(keyframes[5].t, height=0.0, sigma_m=1e-5),)
     take, lever = tracked_take(replace(takes[0], contacts=known), None, False), np.array((0.3, -0.2, 0.1))
-    marginal = condition_on_known_stops(take, take.marginal, np.eye(3), lever, None, refuse=False)
-    first = marginal.p - marginal.R @ lever
+    Q = rotations(np.array(((0.0, 0.0, 0.0), (0.3, 0.0, 0.0))))  # in the dock, and away from it
+    marginal = condition_on_known_stops(take, take.marginal, Q, lever, None, refuse=False)
+    first = marginal.p - marginal.R @ Q[[0, *[1] * (len(keyframes) - 1)]] @ lever
     assert first[5, 2] - first[0, 2] == pytest.approx(0.0, abs=0.01)
 
 
