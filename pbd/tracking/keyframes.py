@@ -27,9 +27,6 @@ def find_keyframes(path: HandPath) -> tuple[Keyframe, ...]:
     """
     events = path.grip if len(path.stops) > 1 else ()  # without a move all events are at the one stop
     grips, fusion = _without_repeats(_grip_at_stops(events, path.t, path.stops)), path.fusion
-    tolerances = [(None, None)] * len(path.stops)
-    if fusion is not None:
-        tolerances[1:] = list(zip(fusion.tolerance_m, fusion.tolerance_rad.tolist(), strict=True))[1:]
     return tuple(
         Keyframe(
             t=stop.middle_s(path.t),
@@ -39,8 +36,8 @@ def find_keyframes(path: HandPath) -> tuple[Keyframe, ...]:
             ),
             cov=path.cov[k],
             grip=grips.get(k),
-            tolerance_m=tolerances[k][0],
-            tolerance_rad=tolerances[k][1],
+            tolerance_m=None if fusion is None or k == 0 else fusion.tolerance_m[k],
+            tolerance_rad=None if fusion is None or k == 0 else float(fusion.tolerance_rad[k]),
             weight=stop.weight,
         )
         for k, stop in enumerate(path.stops)
