@@ -1,6 +1,7 @@
 # make demo   install and replay the bundled demonstration into replay.html
 # make test   install what the tests need and run them
 # make check  ruff, types, the house
+# make format what ruff can mend
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin

@@ -63,6 +63,7 @@ WRITTEN = written() if FILE.is_file() else {}
 @pytest.mark.parametrize("robot", NAMES)
 @pytest.mark.parametrize("demo", DEMOS)
 def test_a_bundled_plan_is_as_it_was(demo: str, robot: str) -> None:
+    assert (demo, robot) in WRITTEN, "write the file anew, as the top of this one says"
     found, before = outcome(demo, robot), WRITTEN[demo, robot]
     assert found.result == before.result
     assert found.figures[:1] == pytest.approx(before.figures[:1], rel=0.01)

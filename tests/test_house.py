@@ -60,6 +60,8 @@ def part(module: str) -> str:
 
 def test_imports_go_down() -> None:
     rung = {name: number for number, names in enumerate(RUNGS) for name in names} | {"": -1}
+    unplaced = {part(name) for name in all_imports()} - rung.keys()
+    assert not unplaced, "name it in RUNGS: what imports it must be on a higher rung, what it imports on a lower one"
     wrong = []
     for here, found in all_imports().items():
         for there, _ in found:
@@ -69,7 +71,7 @@ def test_imports_go_down() -> None:
             beside = rung[ours] == rung[theirs] and ours not in SEPARATE
             if not (rung[theirs] < rung[ours] or beside or ours == theirs):
                 wrong.append(f"{here} imports {there}")
-    assert not wrong
+    assert not wrong, "move what both need to a lower rung of RUNGS, or let the caller, on a higher one, pass it"
 
 
 def test_no_command_imports_another() -> None:
@@ -82,7 +84,7 @@ def test_no_command_imports_another() -> None:
         for there, _ in found
         if there in commands - {here} and not here.startswith(f"{there}.")
     ]
-    assert not wrong
+    assert not wrong, "move what they share to a file without `run`, as pbd/cli/common.py is"
 
 
 def test_no_circles() -> None:
@@ -97,7 +99,8 @@ def test_a_file_reads_in_one_sitting_and_a_folder_at_a_glance() -> None:
     long = [path for path in MODULES if len(path.read_text(encoding="utf-8").splitlines()) > LONGEST_FILE]
     counts = Counter(path.parent for path in MODULES)
     full = [folder for folder, count in counts.items() if count > FULLEST_FOLDER]
-    assert not long + full
+    assert not long, f"split what has more than {LONGEST_FILE} lines by subject, so that each file has one"
+    assert not full, f"move some of more than {FULLEST_FOLDER} files that belong together to a folder of their own"
 
 
 def test_nothing_heavy_is_loaded_early() -> None:
@@ -110,19 +113,21 @@ def test_nothing_heavy_is_loaded_early() -> None:
     ):
         code += f"{statement}\nprint({statement!r}, *sorted(sys.modules.keys() & {heavy!r}), sep=': ')\n"
     result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert [line for line in result.stdout.splitlines() if ": " in line] == []
+    loaded = [line for line in result.stdout.splitlines() if ": " in line]
+    assert not loaded, "these statements load a package early: import it in the function that needs it"
     at_top = [
         f"{here} imports {there}"
         for here, found in all_imports().items()
         for there, is_at_top in found
         if is_at_top and there.split(".")[0] in HEAVY and part(here) not in MAY_BE_HEAVY
     ]
-    assert not at_top
+    assert not at_top, "import it in the function that needs it"
 
 
 def test_no_unsafe_loading() -> None:
     unsafe = re.compile(r"import pickle|allow_pickle=True|(?<!def )\b(eval|exec)\(")
-    assert not [path for path in MODULES if unsafe.search(path.read_text(encoding="utf-8"))]
+    found = [path for path in MODULES if unsafe.search(path.read_text(encoding="utf-8"))]
+    assert not found, "a file of somebody else's could run code: read it with orjson, tomlkit or numpy without pickle"
 
 
 NO_NAMES = {"again", "args.take + 1", "by", "columns", "members", "options", "rate", "separator", "' '.join(takes)"}
@@ -140,4 +145,4 @@ def test_the_names_in_advised_commands_are_quoted() -> None:
                     said = ast.unparse(each.value)
                     bare += [] if said in NO_NAMES or re.search(r"quote\(|shell_word\(", said) else [(path, said)]
                 before += str(each.value) if isinstance(each, ast.Constant) else ""
-    assert not bare
+    assert not bare, "quote it with shlex.quote; if it can be no name, add it to NO_NAMES"

@@ -120,7 +120,7 @@ def _format(args: argparse.Namespace) -> str:
             raise UsageError(f"{args.format} writes a folder, which standard output can't be; name one")
         if is_closed(sys.stdout):
             raise PbdError("standard output is closed: name a file")
-        if args.format in ("npz", "mcap", "glb") and sys.stdout.isatty():
+        if args.format and FORMATS[args.format].binary and sys.stdout.isatty():
             raise UsageError(f"{args.format} is binary, so it is not printed to a terminal; name a file, or pipe it")
     name: str | None = args.format or by_ending
     if name is None:

@@ -1,1 +1,1 @@
-"""Bytes to samples: one small file per wire protocol, and the ports."""
+"""Bytes to samples: one small file per wire protocol, registered in protocols.py, and the ports."""

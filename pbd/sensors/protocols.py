@@ -16,7 +16,7 @@ COMMAND_PAUSE_S = 0.25
 
 @dataclass(frozen=True)
 class WireProtocol:
-    """A kind of device and its protocol.
+    """A kind of device and its protocol. How large its errors are is in CLASSES of pbd/tracking/noise.py, by its name.
 
     Attributes:
         decoder_path: "module:name" of the decoder in this package; "" if it can't be made without options.

@@ -13,7 +13,7 @@ from pbd.pipeline import track
 from pbd.tracking.keyframes import find_keyframes
 
 FOLDER = Path(__file__).parents[2] / "robots"
-NAMES = ("kinova", "panda", "so100", "so101", "ur10", "ur3", "ur5", "xarm7", "z1")
+NAMES = tuple(sorted(path.stem for path in FOLDER.glob("*.toml")))
 KINDS = ("so101", "ur5", "panda", "kinova")
 """One arm of each kind: five, six and seven joints, and one with joints that turn without end."""
 FIVE_JOINTS = ("so100", "so101")

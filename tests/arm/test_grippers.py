@@ -123,9 +123,9 @@ def test_the_origin_lies_between_the_fingertips(name: str) -> None:
 @pytest.mark.parametrize("name", WITHOUT)
 def test_without_fingers_the_tool_lies_straight_ahead_of_the_flange(name: str) -> None:
     arm, wrist = arm_of(name), wrist_in_tool(name)
+    assert arm.robot.gripper is not None  # the motion says when to grip
+    assert arm.robot.gripper.joints == (), "name the links of its jaws in JAWS"
     axis = arm.jacobian(arm.robot.home)[:, -1]  # of the last joint, in the tool's frame
     np.testing.assert_allclose(axis[:3], 0.0, atol=1e-9)  # the origin is on it
     np.testing.assert_allclose(np.abs(axis[5]), 1.0, atol=1e-9)  # and it is z
     assert wrist.translation[2] < -0.15
-    assert arm.robot.gripper is not None  # the motion says when to grip
-    assert arm.robot.gripper.joints == ()

@@ -14,9 +14,11 @@ from tests.arm.bundled import FIVE_JOINTS, FOLDER, NAMES, arm_of
 from tests.not_none import not_none
 
 
-def test_these_are_the_robots() -> None:
-    assert sorted(path.stem for path in FOLDER.glob("*.toml")) == sorted(NAMES)
+def test_each_has_its_files_name_and_is_on_the_page() -> None:
     assert all(arm_of(name).robot.name == name for name in NAMES)
+    page = (FOLDER.parent / "docs" / "robots.md").read_text(encoding="utf-8")
+    missing = [name for name in NAMES if f"\n| `{name}` |" not in page]
+    assert not missing, "add a row to the tables of docs/robots.md"
 
 
 def test_the_list_says_reach_joints_gripper_and_what_is_assumed(capsys: pytest.CaptureFixture[str]) -> None:

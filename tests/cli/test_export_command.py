@@ -28,9 +28,12 @@ def command_of(format_name: str) -> list[str]:
 FILES = tuple(name for name in FORMATS if name not in DATASETS)
 
 
-def test_every_suffix_says_a_format() -> None:
+def test_every_format_has_a_suffix_and_is_on_the_page() -> None:
     also = {name for name, each in FORMATS.items() if each.other_suffixes or name in DATASETS}
-    assert {*SUFFIXES.values(), *also} == set(FORMATS)
+    assert {*SUFFIXES.values(), *also} == set(FORMATS), "give it a suffix, or other_suffixes if it must be named"
+    page = (Path(__file__).parents[2] / "docs" / "exports.md").read_text(encoding="utf-8")
+    missing = [name for name in FORMATS if f" | `{name}` | " not in page]
+    assert not missing, "add a row to the table of docs/exports.md"
 
 
 def test_the_hands_path_needs_no_robot(elsewhere: Path, capsys: Capture) -> None:
@@ -65,7 +68,7 @@ def test_standard_output_and_a_name_with_the_suffix_get_what_the_file_would(
     assert main([*command, "-", "--format", format_name]) == 0
     out, err = capfdbinary.readouterr()
     assert main([*command, "file", "--format", format_name]) == 0
-    refuse_output(file)  # not refused: pbd made it
+    refuse_output(file)  # not refused: by its beginning, pbd/io/made_by_pbd.py knows that pbd made it
     assert b"pbd: wrote to standard output: " in err
     assert not Path("-").exists()
     assert same(out, file.read_bytes(), format_name)

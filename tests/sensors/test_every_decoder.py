@@ -16,7 +16,7 @@ every = pytest.mark.parametrize("name", MIXED)
 
 
 def test_no_protocol_is_left_out() -> None:
-    assert MIXED.keys() == PROTOCOLS.keys()
+    assert MIXED.keys() == PROTOCOLS.keys(), "give it a stream in MIXED, in tests/benchmarks/wires.py"
 
 
 @every

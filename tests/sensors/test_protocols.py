@@ -53,9 +53,8 @@ def test_the_registry_is_light() -> None:
 def test_the_page_has_them_all() -> None:
     page = PAGE.read_text(encoding="utf-8")
     for name, one in PROTOCOLS.items():
-        assert re.search(
-            rf"^\| `{name}` \| {re.escape(one.title)} \| .* \| {', '.join(map(str, one.bauds))} \|", page, re.M
-        )
+        row = rf"^\| `{name}` \| {re.escape(one.title)} \| .* \| {', '.join(map(str, one.bauds))} \|"
+        assert re.search(row, page, re.M), f"give {name} a row in docs/sensors.md with its title and baud rates"
 
 
 def test_the_pages_layouts_are_right() -> None:

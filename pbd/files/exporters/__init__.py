@@ -1,4 +1,7 @@
-"""Export of motions for other tools. Each format has a file here."""
+"""Export of motions for other tools. Each format has a file here, and a row in FORMATS.
+
+An export replaces an earlier one only if pbd/io/made_by_pbd.py knows how the format's files begin.
+"""
 
 from __future__ import annotations
 
@@ -23,14 +26,15 @@ class Format(NamedTuple):
     """An export format.
 
     Attributes:
-        module: its module here. `write(request, samples, path)` writes it. `samples(request)`, if defined, chooses the
-            instants. `read(path)`, if defined, reads back a file that moves an arm.
+        module: its module here. `write(request, samples, path)` writes it. `samples(request)` chooses the instants, and
+            may be missing if `default_hz` is a rate. `read(path)`, if defined, reads back a file that moves an arm.
         samples_are: what messages call its samples ("points", "frames").
         rules: how receivers interpolate between its points; empty if it does not move an arm.
         suffix: the suffix of a file name that selects it; "": it must be named.
         other_suffixes: further suffixes that its files may have.
         default_hz: the default rate, Hz; 0: its own instants unless a rate is given; None: always its own instants.
         checks_robot: its module's `check(robot)` refuses unsuitable robots, and a missing package.
+        binary: it is not printed to a terminal.
     """
 
     module: str
@@ -40,19 +44,20 @@ class Format(NamedTuple):
     other_suffixes: tuple[str, ...] = ()
     default_hz: float | None = None
     checks_robot: bool = False
+    binary: bool = False
 
 
 FORMATS = {
     "csv": Format("csv", "samples", ("hold",), ".csv", default_hz=1000.0),
-    "npz": Format("npz", "samples", ("hold",), ".npz", default_hz=1000.0),
+    "npz": Format("npz", "samples", ("hold",), ".npz", default_hz=1000.0, binary=True),
     "ros2-json": Format("ros2_json", "points", ("quintic", "cubic"), ".json", default_hz=0.0),
     "keyframes": Format("keyframes", "keyframes", other_suffixes=(".json", ".csv")),
     "tum": Format("tum", "poses", suffix=".tum", default_hz=100.0),
     "tum-hand": Format("tum", "poses", other_suffixes=(".tum",)),
     "urscript": Format("urscript", "points", ("trapezoid",), ".script", checks_robot=True),
-    "mcap": Format("mcap", "points", ("quintic", "cubic"), ".mcap", default_hz=0.0, checks_robot=True),
+    "mcap": Format("mcap", "points", ("quintic", "cubic"), ".mcap", default_hz=0.0, checks_robot=True, binary=True),
     "lerobot": Format("lerobot", "frames", ("hold",), checks_robot=True),
-    "glb": Format("glb", "frames", suffix=".glb", default_hz=50.0),
+    "glb": Format("glb", "frames", suffix=".glb", default_hz=50.0, binary=True),
 }
 SUFFIXES = {each.suffix: name for name, each in FORMATS.items() if each.suffix}
 """Suffix of a file's name -> the format that it selects."""
@@ -130,7 +135,7 @@ def export(
 
     Args:
         robot: its limits are checked between the samples too.
-        format_name: csv, npz, ros2-json, keyframes, tum, tum-hand, urscript, mcap, lerobot or glb (docs/exports.md).
+        format_name: one of FORMATS (docs/exports.md).
         path: the file, or for lerobot the folder; a file that pbd wrote before is replaced.
         rate_hz: samples a second, 10 to 100,000; None: the format's default.
         dense: urscript only: servoj at the controller's period (125 or 500 Hz) instead of a movej to each keyframe.
