@@ -9,6 +9,8 @@ from pbd.cli.options import pair
 from pbd.errors import SensorError, UsageError
 from pbd.sensors.line_layout import layout_from_options, layout_from_toml
 from pbd.sensors.protocols import PROTOCOLS, protocol
+from pbd.tracking.noise import CLASSES
+from tests.record.emulated_sensors import SPEAKERS
 
 PAGE = Path(__file__).parents[2] / "docs" / "sensors.md"
 
@@ -48,6 +50,17 @@ def test_the_registry_is_light() -> None:
     code = "import pbd.sensors.protocols, sys; print('numpy' in sys.modules, 'pbd.sensors.lines' in sys.modules)"
     result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert result.stdout.split() == ["False", "False"]
+
+
+def test_each_has_a_class_of_errors() -> None:
+    unknown = {name for name in PROTOCOLS if not any(word in name for word in CLASSES)}
+    assert unknown == {"lines", "gamepad"}, "name it in CLASSES, pbd/tracking/noise.py: else its errors are a guess"
+
+
+def test_each_with_a_serial_port_is_recorded() -> None:
+    emulated = {each.sensor for each in SPEAKERS.values()}
+    serial = {name for name, one in PROTOCOLS.items() if one.bauds}
+    assert emulated == serial, "give it an emulated device in SPEAKERS, tests/record/emulated_sensors.py"
 
 
 def test_the_page_has_them_all() -> None:
