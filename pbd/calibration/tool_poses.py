@@ -3,8 +3,11 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from pbd.data import Calibration, HandPath, Keyframe, Robot
 from pbd.data.calibration import TOOL_DOWN
+from pbd.data.constraints import StartUpdate
 from pbd.pose import Array, Pose, quat_about_z, quat_multiply, quat_rotate, yaw_toward
 
 
@@ -27,6 +30,15 @@ class KeyframesInBase:
     scale: float = 1.0
     path: HandPath | None = None
     orientation: str = "demo"
+
+    @property
+    def start_update(self) -> StartUpdate | None:
+        """What the path's places known in base say of this calibration's start; None: nothing."""
+        update, start = None if self.path is None else self.path.start, self.calibration.start
+        if update is None or start is None:
+            return None
+        same = np.array_equal(update.start.p, start.p) and np.array_equal(update.start.wxyz, start.wxyz)
+        return update if same else None
 
 
 def with_table(calibration: Calibration, robot: Robot) -> Calibration:

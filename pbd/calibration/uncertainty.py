@@ -25,14 +25,35 @@ def keyframes_covariance(path: HandPath | None, keyframes: Sequence[Keyframe]) -
     joint = np.zeros((k, 6, k, 6))
     joint[range(k), :, range(k)] = [keyframe.cov for keyframe in keyframes]
     if path is not None:
-        stops = {
-            i: stop
-            for i, keyframe in enumerate(keyframes)
-            if keyframe.cov.any() and (stop := path.stop_at(keyframe.t)) is not None
-        }
+        stops = _stops_of(path, keyframes)
         rows, of_path = list(stops), path.covariance.joint(list(stops.values()))
         joint[np.ix_(rows, range(6), rows, range(6))] = of_path.reshape(len(rows), 6, len(rows), 6)
     return joint.reshape(6 * k, 6 * k)
+
+
+def _stops_of(path: HandPath, keyframes: Sequence[Keyframe]) -> dict[int, int]:
+    """Return index of keyframe -> index of the path's stop that it is in."""
+    return {
+        i: stop
+        for i, keyframe in enumerate(keyframes)
+        if keyframe.cov.any() and (stop := path.stop_at(keyframe.t)) is not None
+    }
+
+
+def _joint_errors(placed: KeyframesInBase) -> tuple[Array, Array]:
+    """Return the covariance (6k + 6, 6k + 6) of the errors of k keyframes in nav and of the start in base, without
+    those of the calibration; and the derivatives (6k + 6, 9) of these errors by the calibration's (`StartUpdate`)."""
+    path, keyframes, update = placed.path, placed.keyframes, placed.start_update
+    k = len(keyframes)
+    cov, by_calibration = np.zeros((k + 1, 6, k + 1, 6)), np.zeros((k + 1, 6, 9))
+    cov[:k, :, :k] = keyframes_covariance(path, keyframes).reshape(k, 6, k, 6)
+    by_calibration[k, :, :6] = np.eye(6)
+    if path is not None and update is not None:
+        stops = _stops_of(path, keyframes) | {k: len(path.stops)}
+        rows, at = list(stops), list(stops.values())
+        cov[np.ix_(rows, range(6), rows, range(6))] = update.covariance.joint(at).reshape(len(at), 6, len(at), 6)
+        by_calibration[rows] = update.by_calibration[at]
+    return cov.reshape(6 * k + 6, -1), by_calibration.reshape(-1, 9)
 
 
 def tool_covariances(placed: KeyframesInBase) -> dict[str, Array]:
@@ -42,7 +63,8 @@ def tool_covariances(placed: KeyframesInBase) -> dict[str, Array]:
     sensor in nav, l the tool in sensor axes: the uncertainty of each of them, propagated to first order. With a fixed
     orientation R_k is that of keyframe 0. A mount that was never calibrated counts as exact.
     """
-    if placed.orientation == "demo":  # errors in common don't matter: each keyframe's own, as keyframes.toml has it
+    if placed.orientation == "demo" and placed.start_update is None:
+        # Errors in common don't matter: each keyframe's own, as keyframes.toml has it.
         placed = replace(placed, path=None)
     return {part: diagonal_blocks(cov) for part, cov in joint_tool_covariances(placed).items()}
 
@@ -56,18 +78,24 @@ def diagonal_blocks(joint: Array) -> Array:
 def joint_tool_covariances(placed: KeyframesInBase) -> dict[str, Array]:
     """Return the joint covariance (6k, 6k) of all tool poses, for each of SOURCES.
 
-    Errors of dock and mount are the same at all keyframes.
+    Errors of dock and mount are the same at all keyframes. Places known in base, whose own errors are a part of
+    "tracking", correlate dock, mount and tracking; each part is what remains of that source's errors.
     """
     J, calibration = _jacobians(placed), placed.calibration
-    start, mount = J["start"].reshape(-1, 6), J["mount"].reshape(-1, 6)
     cov_mount = np.zeros((6, 6)) if calibration.cov_sensor_tool is None else calibration.cov_sensor_tool
-    tracked = keyframes_covariance(placed.path, placed.keyframes)
-    for _ in range(2):  # rows, then columns
-        poses = tracked.T.reshape(len(placed.keyframes), 6, -1)
+
+    def of_tool(errors: Array) -> Array:
+        """Map errors (6k + 6, c) of keyframes and start to those of the tool's poses, (6k, c)."""
+        poses = errors[:-6].reshape(len(placed.keyframes), 6, -1)
         with_first = np.concatenate((np.broadcast_to(poses[:1], poses.shape), poses), axis=1)
-        tracked = (J["tracking"] @ with_first).reshape(tracked.shape)
+        return np.asarray((J["tracking"] @ with_first + J["start"] @ errors[-6:]).reshape(-1, errors.shape[1]))
+
+    cov, by_calibration = _joint_errors(placed)
+    start, tip = np.split(of_tool(by_calibration), [6], axis=1)
+    mount = J["mount"].reshape(-1, 6)
+    mount[:, :3] += tip
     of_start, of_mount = start @ calibration.cov_start @ start.T, mount @ cov_mount @ mount.T
-    return {"start": of_start, "mount": of_mount, "tracking": tracked}
+    return {"start": of_start, "mount": of_mount, "tracking": of_tool(of_tool(cov).T)}
 
 
 def _jacobians(placed: KeyframesInBase) -> dict[str, Array]:

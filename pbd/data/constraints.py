@@ -2,8 +2,11 @@
 
 from dataclasses import dataclass
 
+from pbd.data.covariance import PoseCovariance
 from pbd.data.field_checks import freeze_tuples, require_finite
 from pbd.errors import UsageError, require_kind
+from pbd.frozen_arrays import Frozen, freeze_arrays
+from pbd.pose import Array, Pose, quat_exp, quat_multiply
 
 
 @dataclass(frozen=True)
@@ -89,3 +92,28 @@ class ClaimFit:
     stop: int
     off_m: float
     sigmas: float
+
+
+@dataclass(frozen=True, eq=False)
+class StartUpdate(Frozen):
+    """What places known in base say of the start's pose there, besides the poses at the path's k stops.
+
+    Attributes:
+        start: the calibration's dock or nav, which they correct.
+        step: (6,) m and rad in base, the correction: position, rotation vector.
+        by_calibration: (k + 1, 6, 9), the errors that remain at the stops and, last, in the start, per error of the
+            calibration: of the start (m, rad) and of the tool's position on the sensor (m).
+        covariance: of the same k + 1 errors, without those of the calibration.
+    """
+
+    start: Pose
+    step: Array
+    by_calibration: Array
+    covariance: PoseCovariance
+
+    def __post_init__(self) -> None:
+        freeze_arrays(self, step=(6,), by_calibration=(self.covariance.count, 6, 9))
+
+    def corrected(self, T_base_nav: Pose) -> Pose:
+        """Return nav's pose in base after the correction."""
+        return Pose(T_base_nav.p + self.step[:3], quat_multiply(quat_exp(self.step[3:]), T_base_nav.wxyz))

@@ -13,6 +13,7 @@ from math import erfc, sqrt
 import numpy as np
 
 from pbd.data import Calibration, ClaimFit, HandPath, Known
+from pbd.data.constraints import StartUpdate
 from pbd.data.covariance import PoseCovariance
 from pbd.data.streams import interpolate
 from pbd.errors import TrackingError
@@ -36,8 +37,8 @@ def apply_constraints(
         known, calibration, T_base_nav: as `claims_of` takes them.
 
     Returns:
-        The path with new poses, velocities (the derivative of position, zero in stops) and covariance, and the fit of
-        each claim. The velocity misclosures are unchanged.
+        The path with new poses, velocities (the derivative of position, zero in stops) and covariance, the fit of each
+        claim, and what the claims in base say of the start. The velocity misclosures are unchanged.
 
     Raises:
         TrackingError: a claim contradicts the data, or names no stop.
@@ -53,9 +54,42 @@ def apply_constraints(
     S = np.einsum("kam,kan->mn", G, PG) + R
     fits = fits_of(path, claims, misfit, S)
 
-    gain = PG @ np.linalg.inv(S)
+    gain, start = PG @ np.linalg.inv(S), None
+    if calibration is not None and calibration.start is not None:
+        start = _start_update(path.covariance, claims, calibration, calibration.start, (gain, G, R, misfit, S))
     covariance = PoseCovariance(path.covariance.count, partial(_joseph_times, path.covariance, gain, G, R))
-    return replace(_move_path(path, gain @ misfit), covariance=covariance, claims=fits)
+    return replace(_move_path(path, gain @ misfit), covariance=covariance, claims=fits, start=start)
+
+
+def _start_update(
+    prior: PoseCovariance,
+    claims: Sequence[Claim],
+    calibration: Calibration,
+    start: Pose,
+    update: tuple[Array, Array, Array, Array, Array],
+) -> StartUpdate | None:
+    """The start's part in the update of the poses (gain, G, R, misfit, S), as if it were one more pose; None if no
+    claim is in base.
+
+    The start's error has no part in the prior covariance of the poses: its share of R is `by_calibration`.
+    """
+    (gain, G, R, misfit, S), by_calibration = update, np.vstack([claim.by_calibration for claim in claims])
+    if not by_calibration[:, START_ERRORS].any():
+        return None
+    errors = _calibration_errors(calibration)
+    of_start = -errors[START_ERRORS] @ by_calibration.T @ np.linalg.inv(S)
+    gain, G = np.concatenate((gain, of_start[None])), np.concatenate((G, np.zeros((1, *G.shape[1:]))))
+    remaining = gain @ by_calibration
+    remaining[-1, :, START_ERRORS] += np.eye(6)
+    poses = PoseCovariance(prior.count + 1, partial(_with_exact_start, prior))
+    own = R - by_calibration @ errors @ by_calibration.T
+    covariance = PoseCovariance(poses.count, partial(_joseph_times, poses, gain, G, own))
+    return StartUpdate(start, of_start @ misfit, remaining, covariance)
+
+
+def _with_exact_start(prior: PoseCovariance, columns: Array) -> Array:
+    """The covariance of poses and of a start without errors, times columns (k + 1, 6, c)."""
+    return np.concatenate((prior.multiply(columns[:-1]), np.zeros_like(columns[-1:])))
 
 
 def _joseph_times(prior: PoseCovariance, gain: Array, G: Array, R: Array, columns: Array) -> Array:
@@ -85,13 +119,18 @@ def measurement_of(
             if relative.group == claim.group:
                 R[row, column] += claim.shared_variance * np.eye(len(claim.value))
     if calibration is not None:
-        errors = np.zeros((9, 9))
-        errors[START_ERRORS, START_ERRORS] = calibration.cov_start
-        if calibration.cov_sensor_tool is not None:
-            errors[MOUNT_ERRORS, MOUNT_ERRORS] = calibration.cov_sensor_tool[:3, :3]
         by_calibration = np.vstack([claim.by_calibration for claim in claims])
-        R += by_calibration @ errors @ by_calibration.T
+        R += by_calibration @ _calibration_errors(calibration) @ by_calibration.T
     return G, R, misfit
+
+
+def _calibration_errors(calibration: Calibration) -> Array:
+    """The covariance (9, 9) of the calibration's errors, in the columns of `Claim.by_calibration`."""
+    errors = np.zeros((9, 9))
+    errors[START_ERRORS, START_ERRORS] = calibration.cov_start
+    if calibration.cov_sensor_tool is not None:
+        errors[MOUNT_ERRORS, MOUNT_ERRORS] = calibration.cov_sensor_tool[:3, :3]
+    return errors
 
 
 def _rows(claims: Sequence[Claim]) -> list[slice]:

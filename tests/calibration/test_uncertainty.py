@@ -8,9 +8,10 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.linalg import block_diag
 
+from pbd.calibration.dock import place_in_base
 from pbd.calibration.tool_poses import KeyframesInBase, tool_poses
 from pbd.calibration.uncertainty import joint_tool_covariances, tool_covariances
-from pbd.data import Calibration, Keyframe
+from pbd.data import Calibration, Keyframe, Known, Place
 from pbd.data.calibration import DOCK_SIGMA_M
 from pbd.files.demo import load_demo
 from pbd.pipeline import track
@@ -86,3 +87,25 @@ def test_a_keyframe_is_as_certain_as_its_person_says() -> None:
     here = KeyframesInBase(edited, Pose.identity(), Calibration("c", T_base_nav=Pose.identity()), path=path)
     for found in tool_covariances(here)["tracking"]:
         assert_allclose(found, 0.01**2 * np.eye(6), atol=1e-12)
+
+
+def test_a_place_in_base_corrects_the_dock_as_one_estimate_of_all_does() -> None:
+    """Of dock and path together: the tool at a place known to 1 mm is there to 1 mm, whatever the dock's sigma is."""
+    demo, sigma = load_demo("pouring"), 0.001
+    alone = track(demo)
+    dock = Calibration("c", T_base_dock=Pose.from_rpy((0.4, -0.1, 0.2), (0.0, 0.0, 0.7)))
+    without = place_in_base(keyframes_of(alone), dock, path=alone)
+    before, cov = np.array([pose.p for pose in tool_poses(without)]), sum(joint_tool_covariances(without).values())
+    at = [2, 3]
+    asked = before[at] + ((0.004, -0.003, 0.002), (0.004, -0.002, 0.001))
+    places = [Place((without.keyframes[k].t,), tuple(p), sigma) for k, p in zip(at, asked.tolist(), strict=True)]
+    path = track(demo, known=Known(demo.closed, tuple(places)), calibration=dock)
+    placed = place_in_base(keyframes_of(path), dock, path=path)
+    rows = [6 * k + axis for k in at for axis in range(3)]
+    gain = np.linalg.solve(cov[np.ix_(rows, rows)] + sigma**2 * np.eye(len(rows)), cov[rows]).T
+    expected = before + (gain @ np.ravel(asked - before[at])).reshape(-1, 6)[:, :3]
+    # The estimates differ by the products of two corrections.
+    assert_allclose([pose.p for pose in tool_poses(placed)], expected, rtol=0.0, atol=1e-4)
+    sigmas = np.sqrt(np.diagonal(cov - gain @ cov[rows]))
+    assert_allclose(np.sqrt(np.diagonal(sum(joint_tool_covariances(placed).values()))), sigmas, rtol=0.05, atol=1e-9)
+    assert place_in_base(keyframes_of(path), replace(dock, T_base_dock=Pose.identity()), path=path).start_update is None
