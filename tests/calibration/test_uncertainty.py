@@ -29,6 +29,10 @@ def covariance(seed: int, size: int = 6) -> Array:
     return np.asarray(root @ root.T)
 
 
+def total_covariance(placed: KeyframesInBase) -> Array:
+    return np.asarray(np.sum([*joint_tool_covariances(placed).values()], axis=0))
+
+
 def moved(pose: Pose, step: Array) -> Pose:
     """Shift the position, and rotate in the outer frame."""
     return Pose(pose.p + step[:3], quat_multiply(quat_exp(step[3:]), pose.wxyz))
@@ -95,7 +99,7 @@ def test_a_place_in_base_corrects_the_dock_as_one_estimate_of_all_does() -> None
     alone = track(demo)
     dock = Calibration("c", T_base_dock=Pose.from_rpy((0.4, -0.1, 0.2), (0.0, 0.0, 0.7)))
     without = place_in_base(keyframes_of(alone), dock, path=alone)
-    before, cov = np.array([pose.p for pose in tool_poses(without)]), sum(joint_tool_covariances(without).values())
+    before, cov = np.array([pose.p for pose in tool_poses(without)]), total_covariance(without)
     at = [2, 3]
     asked = before[at] + ((0.004, -0.003, 0.002), (0.004, -0.002, 0.001))
     places = [Place((without.keyframes[k].t,), tuple(p), sigma) for k, p in zip(at, asked.tolist(), strict=True)]
@@ -107,5 +111,5 @@ def test_a_place_in_base_corrects_the_dock_as_one_estimate_of_all_does() -> None
     # The estimates differ by the products of two corrections.
     assert_allclose([pose.p for pose in tool_poses(placed)], expected, rtol=0.0, atol=1e-4)
     sigmas = np.sqrt(np.diagonal(cov - gain @ cov[rows]))
-    assert_allclose(np.sqrt(np.diagonal(sum(joint_tool_covariances(placed).values()))), sigmas, rtol=0.05, atol=1e-9)
+    assert_allclose(np.sqrt(np.diagonal(total_covariance(placed))), sigmas, rtol=0.05, atol=1e-9)
     assert place_in_base(keyframes_of(path), replace(dock, T_base_dock=Pose.identity()), path=path).start_update is None
