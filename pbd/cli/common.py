@@ -84,7 +84,7 @@ def track_demonstration(
         say(f"keyframes as edited in {demo.folder}/keyframes.toml; dwell is how long the arm stays there")
         if demo.folder is not None and _ignore_claims(keyframes, path):
             again = f"`pbd keyframes {shell_word(demo.folder)} --save --force`"
-            say(f"what demo.toml says of places and heights does not move them; {again} finds them anew")
+            say(f"what demo.toml says of places and heights does not move them in nav; {again} finds them anew")
     return path, keyframes
 
 
