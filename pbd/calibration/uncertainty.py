@@ -79,7 +79,8 @@ def joint_tool_covariances(placed: KeyframesInBase) -> dict[str, Array]:
     """Return the joint covariance (6k, 6k) of all tool poses, for each of SOURCES.
 
     Errors of dock and mount are the same at all keyframes. Places known in base, whose own errors are a part of
-    "tracking", correlate dock, mount and tracking; each part is what remains of that source's errors.
+    "tracking", correlate dock, mount and tracking; each part is what remains of that source's errors. The scale's is a
+    part of "start", without its correlation with nav's pose, which the file does not keep.
     """
     J, calibration = _jacobians(placed), placed.calibration
     cov_mount = np.zeros((6, 6)) if calibration.cov_sensor_tool is None else calibration.cov_sensor_tool
@@ -94,7 +95,10 @@ def joint_tool_covariances(placed: KeyframesInBase) -> dict[str, Array]:
     start, tip = np.split(of_tool(by_calibration), [6], axis=1)
     mount = J["mount"].reshape(-1, 6)
     mount[:, :3] += tip
+    shown = np.array([keyframe.T_nav_sensor.p for keyframe in placed.keyframes]) * placed.scale * calibration.scale
+    by_scale = np.hstack((quat_rotate(placed.T_base_nav.wxyz, shown), np.zeros_like(shown))).ravel()
     of_start, of_mount = start @ calibration.cov_start @ start.T, mount @ cov_mount @ mount.T
+    of_start += calibration.scale_sigma**2 * np.outer(by_scale, by_scale)
     return {"start": of_start, "mount": of_mount, "tracking": of_tool(of_tool(cov).T)}
 
 

@@ -152,6 +152,11 @@ class Calibration(Frozen):
             return self.cov_base
         return np.diag(np.square([*[DOCK_SIGMA_M] * 3, 0.0, 0.0, DOCK_SIGMA_RAD]))
 
+    @property
+    def scale_sigma(self) -> float:
+        """One sigma of `scale`, as a share of it; 0 if the points did not show it."""
+        return self.residuals.get(f"{'dock' if self.T_base_nav is None else 'nav'}.scale_sigma", 0.0)
+
     def __repr__(self) -> str:
         parts = {"dock": self.T_base_dock, "nav": self.T_base_nav, "sensor": self.sensor, "table": self.table_height}
         known = [name for name, part in parts.items() if part is not None]

@@ -113,3 +113,15 @@ def test_a_place_in_base_corrects_the_dock_as_one_estimate_of_all_does() -> None
     sigmas = np.sqrt(np.diagonal(cov - gain @ cov[rows]))
     assert_allclose(np.sqrt(np.diagonal(total_covariance(placed))), sigmas, rtol=0.05, atol=1e-9)
     assert place_in_base(keyframes_of(path), replace(dock, T_base_dock=Pose.identity()), path=path).start_update is None
+
+
+def test_a_scale_that_points_showed_is_uncertain_at_a_distance() -> None:
+    """By 1 % of 0.3 m, along the way from nav's origin."""
+    calibration = Calibration(
+        "c", T_base_nav=T_BASE_NAV, cov_base=np.zeros((6, 6)), residuals={"nav.scale_sigma": 0.01}
+    )
+    keyframe = Keyframe(0.0, 1.0, Pose(np.array([0.0, 0.3, 0.0]), FIRST.wxyz), np.zeros((6, 6)))
+    sigma = np.sqrt(
+        np.diagonal(tool_covariances(KeyframesInBase([keyframe], Pose.identity(), calibration))["start"][0])
+    )
+    assert_allclose(sigma, [0.0, 0.003, 0.0, 0.0, 0.0, 0.0], atol=1e-12)

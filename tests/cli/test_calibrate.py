@@ -368,6 +368,10 @@ def test_points_are_fitted_with_the_scale_that_a_replay_uses(capsys: Capture, to
     assert result["fit"]["chi2"] < POOR_CHI2
     rows = run_json(capsys, "keyframes", "touches", "--calibration", "bench")["keyframes"]
     assert np.abs([row["base_position_m"] for row in rows[1:]] - 1.1 * touched.points).max() < 0.01
+    for options in ["--find-scale"], []:  # then it is kept, as the scale is
+        found = run_json(capsys, *POINTS, "--force", *options)["fit"]["scale_sigma"]
+        assert 0.0 < found < 0.05
+        assert read_calibration(file).scale_sigma == found
 
 
 def test_a_tilted_base_has_no_dock(capsys: Capture, touched: Touching) -> None:

@@ -60,6 +60,8 @@ def run(args: argparse.Namespace) -> None:
     if part == "dock":
         pose = pose @ Pose(np.zeros(3), keyframes[0].T_nav_sensor.wxyz)  # nav's origin is the sensor at its first rest
     figures = _figures(fit) | lever_figure(calibration)
+    if scale_sigma := fit.scale_sigma / fit.scale if args.find_scale else calibration.scale_sigma:
+        figures["scale_sigma"] = round(scale_sigma, 5)
     if heading is not None and recording.mag is not None:
         level, up = field_at_start(hand, recording.mag)
         figures |= {"heading_deg": round(float(np.degrees(heading)), 2), "field_level": round(level, 3)}
