@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from pbd.arm.collision.clearance import STEP_M, JointPath
+from pbd.arm.collision.clearance import JointPath
 from pbd.data import JointTrajectory
 from pbd.pose import Array
 
@@ -31,9 +31,9 @@ def sample_polyline(q: Array, opening: float, rates: Array, step_m: float) -> Jo
 
 
 def sample_trajectory(
-    trajectory: JointTrajectory, rates: Array, start: float = -np.inf, end: float = np.inf
+    trajectory: JointTrajectory, rates: Array, step_m: float, start: float = -np.inf, end: float = np.inf
 ) -> JointPath:
-    """Sample a trajectory from `start` to `end` (s); rates (p, k + 1), see motion_bounds.py."""
+    """Sample a trajectory from `start` to `end` (s); `rates` and `step_m` as for `sample_polyline`."""
     start, end = max(start, 0.0), min(end, trajectory.duration)
     marks = np.concatenate((_turning_points(trajectory), trajectory.knots, trajectory.gripper_t, (start, end)))
     marks = np.unique(marks[(marks >= start) & (marks <= end)])
@@ -44,7 +44,7 @@ def sample_trajectory(
     at_marks = np.abs(trajectory.at(marks).qd)
     speed = np.column_stack((np.maximum(at_marks[:-1], at_marks[1:]), np.abs(np.diff(opening)) / duration))
     motion = duration * (speed @ np.max(rates, axis=0, initial=0.0))
-    steps = np.ceil(motion / STEP_M).astype(np.int64) + 1
+    steps = np.ceil(motion / step_m).astype(np.int64) + 1
     span, share = _shares(steps)
     t = np.append(marks[span] + share * duration[span], marks[-1])
     samples = trajectory.at(t)

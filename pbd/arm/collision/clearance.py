@@ -4,7 +4,8 @@ This is adaptive dynamic collision checking (Schwarzer, Saha and Latombe, 2005),
 d cannot touch before they have moved by d relative to each other; motion_bounds.py bounds that motion. They are
 measured again after a motion of d + MARGIN_M, and must then be at least MARGIN_M apart. This covers every instant in
 between: if it comes after a motion of a from the first measurement and b before the second, then
-a + b <= d + MARGIN_M, hence a < d or b <= MARGIN_M. A step of STEP_M = 2 MARGIN_M is always allowed; most are longer.
+a + b <= d + MARGIN_M, hence a < d or b <= MARGIN_M. A step of 2 MARGIN_M is always allowed; most are longer. With a
+smaller margin the steps are smaller too.
 
 A search that only asks whether a path is free bisects it: two bodies at distances d and e at its ends cannot touch
 between them unless they move by d + e. The middle is measured first, since most contacts are there.
@@ -29,8 +30,6 @@ from pbd.pose import Array, Pose
 
 MARGIN_M, CLOSE_M = 2.5e-3, 5e-4
 """Clearance that bodies keep, m; and the smaller one that is tried if no motion keeps that."""
-STEP_M = 2.0 * MARGIN_M
-"""Largest motion of two bodies relative to each other between two nodes of a path, m."""
 CACHED = 2000
 """Number of coordinates whose distances are cached."""
 
@@ -41,7 +40,7 @@ AllowedTouches = Mapping[int, Callable[[Pose], bool]]
 
 @dataclass(frozen=True, eq=False)
 class JointPath:
-    """A path as nodes, so dense that no pair of bodies moves by more than STEP_M relative to each other between two.
+    """A path as nodes, so dense that no pair of bodies moves by more than `Clearance.step_m` between two.
 
     Attributes:
         t: (n,) s, or the share of the path.
@@ -105,6 +104,11 @@ class Clearance:
         self._mesh_depth = np.array([mesh_depth(*pair) for pair in pairs_of], dtype=np.float64)
         self._placed, self._data = self._geometry.createData(), arm.full.createData()
         self._known: dict[bytes, Array] = {}
+
+    @property
+    def step_m(self) -> float:
+        """Largest motion of two bodies relative to each other between two nodes of a path, m."""
+        return 2.0 * self.margin_m
 
     def distances(self, x: Array) -> Array:
         """Return the distance of each pair (p,) at coordinates (k + 1,), m; negative by the depth of the overlap.

@@ -1,7 +1,7 @@
 """Check a motion in time for contacts, continuously; and the messages about them.
 
 In a free motion no two checked bodies touch at any instant (clearance.py says why), and all measured distances are at
-least MARGIN_M.
+least the margin.
 """
 
 import json
@@ -46,7 +46,7 @@ def all_hits(scene: CollisionScene, trajectory: JointTrajectory) -> tuple[Motion
     found: list[MotionHit] = []
     spans = [(scene.object_clearance(each), each.start, each.end) for each in object_phases_of(scene, trajectory)]
     for clearance, start, end in ((scene.always, -np.inf, np.inf), *spans):
-        path = sample_trajectory(trajectory, clearance.rates, start, end)
+        path = sample_trajectory(trajectory, clearance.rates, clearance.step_m, start, end)
         for met in clearance.contacts(path):
             hit = scene.as_hit(clearance, met.pair, path.x[met.deepest], met.distance)
             t, parted_t = float(path.t[met.first]), float(path.t[met.last])

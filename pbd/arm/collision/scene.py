@@ -139,7 +139,7 @@ class CollisionScene:
         for each in self.clearances(grasp.phase):
             if any(each.touching(end) for end in x):
                 return False
-            if len(q) > 1 and each.touches_on(sample_polyline(q, grasp.opening, each.rates, 2.0 * self.margin_m)):
+            if len(q) > 1 and each.touches_on(sample_polyline(q, grasp.opening, each.rates, each.step_m)):
                 return False
         return True
 
@@ -159,7 +159,7 @@ class CollisionScene:
         grasp = grasp or GraspState()
         begins, first = np.inf, None
         for each in self.clearances(grasp.phase):
-            path = sample_polyline(q, grasp.opening, each.rates, 2.0 * self.margin_m)
+            path = sample_polyline(q, grasp.opening, each.rates, each.step_m)
             met = each.first_contact(path)
             if met is not None and path.t[met.first] < begins:
                 begins, first = path.t[met.first], self.as_hit(each, met.pair, path.x[met.deepest], met.distance)

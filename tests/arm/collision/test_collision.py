@@ -10,7 +10,7 @@ from weakref import ref
 import numpy as np
 import pytest
 
-from pbd.arm.collision.clearance import MARGIN_M, STEP_M, Clearance, ContactSpan, JointPath
+from pbd.arm.collision.clearance import MARGIN_M, Clearance, ContactSpan, JointPath
 from pbd.arm.collision.geometry import link_bodies
 from pbd.arm.collision.motion_check import all_hits, collision_error, object_phases_of, refuse_home
 from pbd.arm.collision.scene import CollisionScene, GraspState
@@ -136,7 +136,7 @@ def dense(arm: ArmModel, scene: CollisionScene, names: set[str], trajectory: Joi
     everything = scene.always
     rows = [row for row, pair in enumerate(everything.pairs) if everything.bodies[pair[1]].name in names]
     watched = Clearance(arm, everything.bodies, everything.pairs[rows])
-    path = sample_trajectory(trajectory, watched.rates * STEP_M / 2e-4)
+    path = sample_trajectory(trajectory, watched.rates, 2e-4)
     return path.t, np.array([watched.distances(x).min() for x in path.x])
 
 

@@ -14,12 +14,15 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
 from pbd.arm.collision.allowed_collisions import NEARLY_ALWAYS, link_pairs, sample_coordinates
-from pbd.arm.collision.clearance import MARGIN_M, STEP_M, Clearance, JointPath
+from pbd.arm.collision.clearance import CLOSE_M, MARGIN_M, Clearance, JointPath
 from pbd.arm.collision.geometry import Body, link_bodies
 from pbd.arm.collision.motion_bounds import lever_arms, outline, rates
+from pbd.arm.collision.motion_check import all_hits
+from pbd.arm.collision.scene import CollisionScene
 from pbd.arm.gripper import arm_bodies, gripper_links
 from pbd.arm.model import ArmModel, load_model
 from pbd.arm.path_sampling import sample_polyline, sample_trajectory
+from pbd.arm.timing.time_moves import Move, time_moves
 from pbd.data import Gripper, JointTrajectory, Robot
 from pbd.pose import Array, Pose, quat_about_z, quat_inverse, quat_rotate
 from tests.arm.bundled import KINDS, NAMES, arm_of
@@ -27,6 +30,8 @@ from tests.arm.collision_oracles import coordinates, hull_distance, placements, 
 from tests.arm.dense_collision_check import joint_values
 from tests.audit.motions import spline
 from tests.not_none import not_none
+
+STEP_M = 2.0 * MARGIN_M
 
 
 def links_only(arm: ArmModel) -> Clearance:
@@ -167,7 +172,7 @@ def test_nodes_are_dense_enough(arm: ArmModel, seed: int) -> None:
     trajectory, _ = spline(arm, seed)
     trajectory = replace(trajectory, gripper_t=np.array([0.0, 0.5, 0.9]), gripper_opening=np.array([1.0, 1.0, 0.2]))
     bound = links_only(arm).rates
-    path = sample_trajectory(trajectory, bound)
+    path = sample_trajectory(trajectory, bound, STEP_M)
     assert (path.t[0], path.t[-1]) == (0.0, trajectory.duration)
     assert (np.diff(path.t) > 0.0).all()
     motion = bound @ np.abs(np.diff(path.x.T))
@@ -187,12 +192,12 @@ def test_nodes_are_dense_enough_in_a_piece_that_is_faster_than_the_one_before(ar
     powers[:, 0], powers[:, 1] = arm.robot.home + np.array([[0.0], [0.005]]), np.array([[0.01], [1.0]])
     trajectory = replace(trajectory, knots=np.array([0.0, 0.5, 0.7]), coefficients=powers)
     bound = links_only(arm).rates
-    assert (bound @ np.abs(np.diff(sample_trajectory(trajectory, bound).x.T))).max() <= STEP_M * (1.0 + 1e-9)
+    assert (bound @ np.abs(np.diff(sample_trajectory(trajectory, bound, STEP_M).x.T))).max() <= STEP_M * (1.0 + 1e-9)
 
 
 def test_a_part_of_a_trajectory(arm: ArmModel) -> None:
     trajectory, _ = spline(arm, 0)
-    path = sample_trajectory(trajectory, links_only(arm).rates, 0.7, 1.1)
+    path = sample_trajectory(trajectory, links_only(arm).rates, STEP_M, 0.7, 1.1)
     assert (path.t[0], path.t[-1]) == (0.7, 1.1)
     assert_array_equal(path.x[:, :-1], trajectory.at(path.t).q)
 
@@ -258,6 +263,20 @@ def test_a_contact_that_leaves_a_part_of_the_margin_is_found() -> None:
     clearance, path = Clearance(arm, balls, np.array([[0, 1]])), swing(arm, turn)
     assert 0.0 < clearance.distances(path.x[-1])[0] < MARGIN_M
     assert clearance.first_contact(path) is not None
+
+
+def test_a_graze_at_the_smaller_margin_is_found_wherever_the_nodes_lie() -> None:
+    """Two balls of 1 mm at the end of a lever of 1 m overlap by 0.3 mm, for 1.4 mm of a motion of 0.6 m."""
+    arm, scene = arm_of("panda"), CollisionScene(arm_of("panda")).closer()
+    start, end = (arm.robot.home + turn * np.eye(7)[0] for turn in (-0.3, 0.3))
+    trajectory, _ = time_moves(arm, start, [Move(end[None])], [0.0], [None])
+    at_start = placements(arm, np.append(start, 1.0))[1]
+    ball = Body("ball", 1, Pose.from_rpy((1.0, 0.0, 0.0), (0, 0, 0)), "sphere", (0.001,))
+    for turned in np.linspace(0.3, 0.31, 11):
+        middle = (np.cos(turned), np.sin(turned), 0.0007)
+        other = Body("other", 0, at_start @ Pose.from_rpy(middle, (0, 0, 0)), "sphere", (0.001,))
+        scene.always = Clearance(arm, [ball, other], np.array([[0, 1]]), CLOSE_M)
+        assert len(all_hits(scene, trajectory)) == 1
 
 
 @pytest.mark.parametrize("shape", ["cylinder", "capsule"])
@@ -412,6 +431,6 @@ def test_pairs_that_nearly_always_touch_are_listed_as_unchecked(tmp_path: Path, 
 def test_a_trajectory_of_one_instant(arm: ArmModel) -> None:
     """A stay of the object may have no duration."""
     trajectory: JointTrajectory = spline(arm, 0)[0]
-    path = sample_trajectory(trajectory, links_only(arm).rates, 0.7, 0.7)
+    path = sample_trajectory(trajectory, links_only(arm).rates, STEP_M, 0.7, 0.7)
     assert_array_equal(path.t, [0.7])
     assert links_only(arm).first_contact(path) is None
