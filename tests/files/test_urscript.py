@@ -109,7 +109,7 @@ def test_what_it_refuses(tmp_path: Path) -> None:
     slow = replace(robot, limits=replace(robot.limits, acceleration=0.5 * robot.limits.acceleration))
     with pytest.raises(
         PlanError,
-        match=r"the controller would reach 1\.50 times .* acceleration limit, at .* s; give 0\.81 times the --speed",
+        match=r"the controller would reach 1\.50 times .* acceleration limit, at .* s; give 0\.66 times the --speed",
     ):
         export(trajectory, slow, "urscript", place, source=source)
     assert list(tmp_path.iterdir()) == []

@@ -8,7 +8,6 @@ from pbd.data import JointTrajectory, Samples
 from pbd.errors import PlanError
 from pbd.files.exporters.controller_interpolation import (
     EPSILON,
-    LIMITS,
     Rule,
     Share,
     evaluate,
@@ -50,7 +49,7 @@ def check_received(request: ExportRequest, points: Samples, rules: tuple[Rule, .
         used_by_rule[rule] = used = limit_shares(points, rule, robot.limits, digits)
         worst = max(used, key=lambda share: share.value)
         if not worst.value <= 1.0:
-            slower = np.floor(100.0 * worst.value ** (-1.0 / (1 + LIMITS.index(worst.limit)))) / 100.0
+            slower = np.floor(100.0 / worst.value) / 100.0  # --speed multiplies all limits
             how = "--margin 1" if worst.value < 1.0 + ROUNDING_EXCESS else f"{slower:g} times the --speed"
             what = f"{limit_use(request, points, rule, worst)}; give {how}"
             raise PlanError(what, joint=robot.joints[worst.joint], value=worst.value, bound=1.0)
