@@ -7,8 +7,9 @@ import numpy as np
 
 from pbd.audit.arm import AuditArm
 from pbd.audit.collision_pairs import AuditScene
-from pbd.audit.contact import coordinates, find_touch
-from pbd.audit.limits import JUMP_RAD, check_limits, check_samples, check_smoothness, fail
+from pbd.audit.contact import coordinates, find_touch, joint_motion
+from pbd.audit.grasp import check_grips
+from pbd.audit.limits import JUMP_RAD, ROUNDING, check_limits, check_samples, check_smoothness, fail
 from pbd.audit.torque import Torque, find_torque
 from pbd.cache import cached_by_thread
 from pbd.data import Calibration, GraspedObject, JointTrajectory, Load, Robot
@@ -54,6 +55,7 @@ def audit(
     T_base_tool_keyframes: Sequence[Pose],
     world: tuple[Calibration, GraspedObject | None] | None = None,
     load: Load = NO_LOAD,
+    grips: Sequence[bool | None] | None = None,
 ) -> AuditReport:
     """Check a trajectory.
 
@@ -63,6 +65,7 @@ def audit(
         T_base_tool_keyframes: the tool's required poses at `trajectory.keyframe_t`.
         world: the calibration, with the obstacles, and the grasped object; None: contacts are allowed.
         load: what the tool carries; it counts for the torques only.
+        grips: for each keyframe whether the gripper closes there (True), opens (False) or stays; None: not checked.
 
     Raises:
         PlanError: a check fails; the fields are joint, keyframe, t (s), value, bound and bodies, as they apply.
@@ -73,6 +76,8 @@ def audit(
     shares = check_limits(trajectory, robot.limits)
     check_samples(trajectory, robot.limits)
     errors = _check_poses(trajectory, _arm(robot), T_base_tool_keyframes)
+    if grips is not None:
+        check_grips(trajectory, robot, grips)
     if world is not None:
         scene = _scene(robot, *world)
         if (touch := find_touch(scene.arm, trajectory, scene.pairs(trajectory))) is not None:
@@ -143,6 +148,8 @@ def _check_form(trajectory: JointTrajectory, robot: Robot, keyframes: int) -> No
         fail("the trajectory contains a number that is not finite")
     if len(knots) < 2 or knots[0] != 0.0 or (np.diff(knots) <= 0.0).any():
         fail("the trajectory's segments do not join up from t = 0")
+    if (np.diff(trajectory.keyframe_t) < 0.0).any():
+        fail("the keyframes are not in their order")
     if (np.diff(trajectory.gripper_t) < 0.0).any() or (opening < 0.0).any() or (opening > 1.0).any():
         fail("the gripper's times decrease, or its opening is outside 0 to 1")
 
@@ -150,11 +157,13 @@ def _check_form(trajectory: JointTrajectory, robot: Robot, keyframes: int) -> No
 def _check_poses(trajectory: JointTrajectory, arm: AuditArm, required: Sequence[Pose]) -> tuple[float, float]:
     """Return the tool's largest error at the keyframes, m and rad, computed from the whole URDF."""
     worst_m = worst_rad = 0.0
-    x = coordinates(trajectory, trajectory.keyframe_t)
+    x, qd = coordinates(trajectory, trajectory.keyframe_t), joint_motion(trajectory, trajectory.keyframe_t)[1]
     for keyframe, (t, pose) in enumerate(zip(trajectory.keyframe_t, required, strict=True)):
         where = f"at keyframe {keyframe} ({t:.3f} s)"
         if not np.abs(x[keyframe, :-1] - trajectory.keyframe_q[keyframe]).max() <= JUMP_RAD:
             fail(f"{where} the joints differ from the planned ones", keyframe=keyframe)
+        if (np.abs(qd[keyframe]) > ROUNDING * arm.robot.limits.velocity).any():
+            fail(f"{where} the arm does not rest", keyframe=keyframe)
         position, rotation = pose.distance(arm.tool_pose(x[keyframe]))
         if position > POSE_TOLERANCE_M or rotation > POSE_TOLERANCE_RAD:
             fail(

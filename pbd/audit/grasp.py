@@ -14,8 +14,9 @@ import pinocchio as pin
 
 from pbd.audit.arm import AuditArm, se3
 from pbd.audit.contact import coordinates
+from pbd.audit.limits import ROUNDING, fail
 from pbd.audit.solids import Solid, simple_solid
-from pbd.data import GraspedObject, JointTrajectory
+from pbd.data import GraspedObject, JointTrajectory, Robot
 from pbd.data.world import THE_TOOL, ObjectPhase, gripped_spans, object_phases
 from pbd.pose import Pose
 
@@ -33,6 +34,28 @@ NEAR_SUPPORT_M = 0.03
 
 LEAST_NORMAL_UP = float(np.cos(np.radians(45.0)))
 """Smallest z of the normal of a surface on which an object can stand."""
+
+
+def check_grips(trajectory: JointTrajectory, robot: Robot, grips: Sequence[bool | None]) -> None:
+    """Check that the gripper closes (True) and opens (False) at its keyframes, while the arm stands, and only there.
+
+    Raises:
+        PlanError: it does not.
+    """
+    t, opening, before, strokes = trajectory.gripper_t, trajectory.gripper_opening, 1.0, 0
+    gripper, moves = robot.gripper, trajectory.coefficients[:, 1:].any(axis=(1, 2))
+    for keyframe, (arrives, closes) in enumerate(zip(trajectory.keyframe_t, grips, strict=True)):
+        after = before if closes is None or gripper is None else float(not closes)
+        if gripper is None or after == before:
+            continue
+        ends = arrives + gripper.stroke_s
+        during = (trajectory.knots[1:] > arrives) & (trajectory.knots[:-1] < ends)
+        off = np.abs(np.interp((arrives, ends), t, opening) - (before, after)).max()
+        if off > ROUNDING or (moves & during).any():
+            fail(f"there is no stroke of the gripper at keyframe {keyframe} while the arm stands", keyframe=keyframe)
+        before, strokes = after, strokes + 1
+    if np.abs(np.diff(opening, prepend=1.0)).sum() > strokes + ROUNDING:
+        fail("the gripper moves where it should not")
 
 
 def gripper_joints(arm: AuditArm) -> frozenset[int]:

@@ -215,7 +215,7 @@ def plan_task(task: PlanningTask) -> Plan | PlanRefusal:
     for deviation_share in DEVIATION_SHARES:
         trajectory, took = timed_at(options.speed, deviation_share)
         try:
-            report = audit(trajectory, robot, held, world, load)
+            report = audit(trajectory, robot, held, world, load, task.request.grips)
             break
         except TouchError:
             if deviation_share == DEVIATION_SHARES[-1]:

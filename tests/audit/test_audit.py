@@ -17,6 +17,7 @@ from pbd.pose import Array, Pose
 from tests.arm.conftest import changed, random_joints
 from tests.arm.straight_moves import time_keyframes
 from tests.audit.motions import changed_sample, spline
+from tests.not_none import not_none
 
 GRIPS = (None, True, None, False, None)
 
@@ -32,7 +33,7 @@ def plan(arm: ArmModel, **factors: float) -> tuple[JointTrajectory, list[Pose]]:
 
 def test_a_sound_trajectory_passes_and_reports_its_shares(arm: ArmModel) -> None:
     trajectory, poses = plan(arm)
-    report = audit(trajectory, arm.robot, poses)
+    report = audit(trajectory, arm.robot, poses, grips=GRIPS)
     fine = trajectory.sample(5000.0)
     velocity = (np.abs(fine.qd) / arm.limits.velocity).max()
     acceleration = (np.abs(fine.qdd) / arm.limits.acceleration).max()
@@ -112,6 +113,27 @@ def shifted(trajectory: JointTrajectory, piece: int, by: float) -> JointTrajecto
     return replace(trajectory, coefficients=coefficients)
 
 
+def gripped(trajectory: JointTrajectory, t: Array, opening: Array) -> JointTrajectory:
+    return replace(trajectory, gripper_t=t, gripper_opening=opening)
+
+
+def passed(trajectory: JointTrajectory) -> JointTrajectory:
+    """The trajectory with keyframe 0 halfway on the approach."""
+    t, q = trajectory.keyframe_t.copy(), trajectory.keyframe_q.copy()
+    t[0] *= 0.5
+    q[0] = trajectory.at(t[:1]).q
+    return replace(trajectory, keyframe_t=t, keyframe_q=q)
+
+
+def test_a_gripper_that_is_slower_than_the_stay_is_refused(arm: ArmModel) -> None:
+    trajectory, poses = plan(arm)
+    gripper = not_none(arm.robot.gripper)
+    slow = replace(arm.robot, gripper=replace(gripper, stroke_s=gripper.stroke_s + 0.1))
+    late = gripped(trajectory, trajectory.gripper_t + 0.1 * np.array([0, 0, 1, 0, 1]), trajectory.gripper_opening)
+    with pytest.raises(PlanError, match="no stroke of the gripper at keyframe 1 while the arm stands"):
+        audit(late, slow, poses, grips=GRIPS)
+
+
 Alter = Callable[[JointTrajectory], JointTrajectory]
 
 
@@ -145,13 +167,22 @@ Alter = Callable[[JointTrajectory], JointTrajectory]
             lambda t: replace(t, keyframe_q=t.keyframe_q + 1e-8),
             r"keyframe 0 \(.* s\) the joints differ from the planned",
         ),
+        (lambda t: replace(t, keyframe_t=t.keyframe_t[::-1]), "the keyframes are not in their order"),
+        (lambda t: gripped(t, t.gripper_t, 1.0 - t.gripper_opening), "no stroke of the gripper at keyframe 1"),
+        (lambda t: gripped(t, np.zeros(1), np.ones(1)), "no stroke of the gripper at keyframe 1 while"),
+        (lambda t: passed(t), "keyframe 0 .* the arm does not rest"),
+        (lambda t: gripped(t, t.gripper_t + 0.01, t.gripper_opening), "no stroke of the gripper at keyframe 1"),
+        (
+            lambda t: gripped(t, np.append(t.gripper_t, t.gripper_t[-1] + 0.1), np.append(t.gripper_opening, 0.9)),
+            "the gripper moves where it should not",
+        ),
         (lambda t: replace(t, keyframe_q=t.keyframe_q * np.nan), r"keyframe 0 \(.* s\) the joints differ from the"),
     ],
 )
 def test_each_fault_is_found(arm: ArmModel, alter: Alter, message: str) -> None:
     trajectory, poses = plan(arm)
     with pytest.raises(PlanError, match=f"^audit: .*{message}.*; no trajectory was written; please report it"):
-        audit(alter(trajectory), arm.robot, poses)
+        audit(alter(trajectory), arm.robot, poses, grips=GRIPS)
 
 
 @pytest.mark.parametrize(
