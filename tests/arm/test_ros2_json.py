@@ -143,7 +143,7 @@ def test_an_export_that_exceeds_a_limit_between_points_is_refused(tmp_path: Path
     slower = replace(robot, limits=replace(robot.limits, jerk=0.9 * robot.limits.jerk))
     for rate_hz in (None, 100.0):
         with pytest.raises(
-            PlanError, match=r"by quintics would reach 1\.06 times .* jerk limit, at .*; give 0.98 times"
+            PlanError, match=r"by quintics would reach 1\.06 times .* jerk limit, at .*; give 0.94 times"
         ):
             export(trajectory, slower, "ros2-json", tmp_path / "goal.json", rate_hz)
     assert list(tmp_path.iterdir()) == []

@@ -12,7 +12,7 @@ from pbd.audit.audit import audit_received
 from pbd.data import Calibration, Obstacle, Samples
 from pbd.errors import PbdWarning, PlanError
 from pbd.files.exporters import FORMATS, SERVOJ_HZ, csv, export, urscript
-from pbd.files.exporters.controller_interpolation import interpolate
+from pbd.files.exporters.controller_interpolation import interpolate, limit_shares
 from pbd.files.exporters.export_request import ExportRequest
 from pbd.pose import Pose
 from tests.arm.bundled import arm_of
@@ -106,6 +106,15 @@ def test_a_file_that_is_not_the_motion_is_not_written(
     with pytest.raises(PlanError, match=said):
         export(plan.trajectory, robot, "csv", tmp_path / "m.csv", source=source)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_the_last_digit_of_the_times_is_no_jerk() -> None:
+    """A joint at a constant 1 rad/s, after 15 s, at 30 kHz."""
+    since = np.arange(1000) / 3e4
+    q = np.tile(since[:, None], 6)
+    points = Samples(15.0 + since, q, np.ones_like(q), np.zeros_like(q), np.ones_like(since))
+    *_, jerk = limit_shares(points, "quintic", arm_of("ur5").robot.limits)
+    assert jerk.value <= 0.0
 
 
 def test_a_higher_rate_and_the_proposed_margin_work(tmp_path: Path) -> None:

@@ -85,11 +85,11 @@ def limit_shares(
 ) -> tuple[Share, Share, Share]:
     """Return the largest shares of the velocity, acceleration and jerk limits that a receiver's interpolation uses.
 
-    Rounding errors of the positions, divided by powers of a short gap, do not count. `digits` is the relative size of
-    a position's last digit.
+    Rounding errors of positions and times, divided by powers of a short gap, do not count. `digits` is the relative
+    size of a position's last digit.
     """
     coefficients, h = interpolate(points, rule), np.diff(points.t)[:, None]
-    rounding = digits * np.abs(points.q).max(axis=0)
+    rounding = digits * np.abs(points.q).max(axis=0) + EPSILON * points.t[-1] * np.abs(points.qd).max(axis=0)
     bounds = limits.velocity, limits.acceleration, limits.jerk
     values = points.q, points.qd, points.qdd
     found = []
