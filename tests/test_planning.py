@@ -292,6 +292,14 @@ def test_a_contact_has_both_bodies_its_depth_and_its_time() -> None:
     assert 0.015 < first.hit.depth < 0.05
 
 
+def test_a_motion_that_is_said_to_touch_nothing_is_audited_though_contacts_are_allowed(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("pbd.arm.collision.motion_check.all_hits", lambda *_: ())
+    with pytest.raises(PlanError, match=r"^audit: .* the table"):
+        plan_keyframes(*low(), PANDA, PlanOptions(allow_collision=True))
+
+
 def test_plan_refuses_a_contact_even_if_it_is_allowed() -> None:
     wall = Obstacle("the wall", "box", (0.02, 1.0, 1.0), Pose(np.array([0.5, 0.0, 0.5]), TURN))
     with pytest.raises(PlanError, match="would touch the wall"):

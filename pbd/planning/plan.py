@@ -211,9 +211,10 @@ def plan_task(task: PlanningTask) -> Plan | PlanRefusal:
         torque = torque_of(another, robot, load, pace)
         return torque.share if torque else 0.0
 
-    world = None if options.allow_collision else (task.calibration, task.grasped)
     for deviation_share in DEVIATION_SHARES:
         trajectory, took = timed_at(options.speed, deviation_share)
+        touching = find_touching(task.scene.closer(), trajectory) if options.allow_collision else None
+        world = (task.calibration, task.grasped) if touching is None else None
         try:
             report = audit(trajectory, robot, held, world, load, task.request.grips)
             break
@@ -237,7 +238,7 @@ def plan_task(task: PlanningTask) -> Plan | PlanRefusal:
         trajectory,
         report,
         find_stretched(took, durations_s) if options.time == "demo" else (),
-        find_touching(task.scene.closer(), trajectory) if options.allow_collision else None,
+        touching,
         chosen.retreat,
     )
 
