@@ -21,8 +21,9 @@ def with_own_noise(solution: Solution) -> Solution:
     """The same estimate, with a covariance whose noise fits the residuals.
 
     Each part of the noise has a factor k on its variance. Each iteration multiplies k by
-    (sum r' W Q W r + nu) / (sum tr W Q - tr W Q W A P A' + nu), where Q is the covariance of this part and W^-1 that of
-    all parts, r are the residuals, A is the Jacobian, P the posterior covariance and nu the weight of the prior k = 1.
+    (sum r' W Q W r + nu / k) / (sum tr W Q - tr W Q W A P A' + nu), where Q is the covariance of this part and W^-1
+    that of all parts, r are the residuals, A is the Jacobian, P the posterior covariance and nu the weight of the
+    prior k = 1.
     """
     problem, x, fixed, solved = solution.problem, solution.state, solution.fixed, solution.solved
     sensor, T, still = problem.noise.sensor, problem.legs.T, solution.still_weight
@@ -46,7 +47,7 @@ def with_own_noise(solution: Solution) -> Solution:
         w = stood / fixed.components[5]
         top.append(w @ squares(pivot_velocity(problem, x)[0]))
         bottom.append((3.0 * still - w * np.trace(solved.covariance_of_knots(VEL), axis1=1, axis2=2)).sum())
-        factors = (top + nu) / np.maximum(bottom + nu, 1e-3 * nu)
+        factors = (top + nu / fixed.components[1:]) / np.maximum(bottom + nu, 1e-3 * nu)
         fixed = replace(fixed, components=fixed.components * (1.0, *factors))
         whiten = whitener(problem, fixed)
         solved.forget()

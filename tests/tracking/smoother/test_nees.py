@@ -11,7 +11,12 @@ from functools import cache
 import numpy as np
 import pytest
 
-from pbd.tracking.noise import Noise
+from pbd.simulation.simulate import simulate
+from pbd.tracking.estimate import estimate
+from pbd.tracking.first_rest import find_rest
+from pbd.tracking.noise import Noise, noise_of
+from pbd.tracking.smoother.variance_components import PRIOR_FREEDOM_STILL
+from tests.not_none import not_none
 from tests.tracking.nees import Errors, demonstration, errors_of, nees
 
 pytestmark = pytest.mark.filterwarnings("ignore::pbd.errors.PbdWarning")
@@ -60,6 +65,15 @@ def constant(errors: Errors) -> Errors:
     cov = errors.cov.copy()
     cov[:, 3:, 3:] = np.radians(0.4) ** 2 * np.eye(3)
     return replace(errors, cov=cov)
+
+
+def test_the_prior_of_a_stops_speed_keeps_its_weight_however_often_it_is_scaled() -> None:
+    """The hand stands perfectly still. The prior says that it creeps, with 30 degrees of freedom."""
+    recording = simulate("pour", "modern", 0).recording
+    rest = find_rest(recording)
+    solution = not_none(estimate(recording, rest, noise_of(recording, rest)).solution)
+    measured = 3.0 * solution.still_weight.sum()
+    assert solution.fixed.components[5] > PRIOR_FREEDOM_STILL / (measured + PRIOR_FREEDOM_STILL)
 
 
 WRONG = {
