@@ -195,7 +195,7 @@ def acc_sigma_factor(noise: Noise, rest: Rest) -> float:
     return float(np.hypot(1.0, max(shown - 2.0 * noise.gravity_sigma, 0.0) / noise.sensor.acc_bias))
 
 
-def densities(noise: Noise, gyr: Array, u: Array, dt: float, up: Array | None = None) -> tuple[Array, Array]:
+def densities(noise: Noise, gyr: Array, u: Array, dt: float, up: Array) -> tuple[Array, Array]:
     """Noise densities of gyro and accelerometer at each row: (3, n) rad2/s and (3, n) m2/s3.
 
     The three parts add up: white noise measured at rest, noise from turning, noise from motion.
@@ -204,12 +204,12 @@ def densities(noise: Noise, gyr: Array, u: Array, dt: float, up: Array | None = 
         gyr: (n, 3) rad/s, without bias.
         u: (n, 3) m/s2, specific force in the gyro frame.
         dt: s, sampling interval.
-        up: (3,) m/s2, specific force at rest. By default the mean of u: in a whole recording motion averages out.
+        up: (3,) or (n, 3) m/s2, specific force at rest.
     """
     s_g, s_a = np.zeros((3, len(u))), np.zeros((3, len(u)))
     s_g[0], s_a[0] = noise.gyr_density**2, noise.acc_density**2
     s_g[1] = noise.gyr_turn**2 * lengths(gyr)
-    motion = u - (np.full(len(u), 1.0 / len(u)) @ u if up is None else up)
+    motion = u - up
     s_a[2] = noise.acc_motion**2 * np.einsum("ij,ij->i", motion, motion)
     between = np.full(len(u), np.inf)
     for n in {1, rows_of_mean(1.0 / dt)}:  # fast vibration bends the samples, but not their means

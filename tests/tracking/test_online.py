@@ -281,7 +281,8 @@ def test_each_error_of_the_sensor_adds_as_much_as_in_the_batch() -> None:
 
 def test_its_noise_is_that_of_the_batch() -> None:
     _, legs, frame = from_rest_to_rest(wobble=3.0, up_to=61)
-    batch = preintegrate(frame, np.array([0, 56, 60]), densities(WHITE, frame.gyr, frame.u, 0.01)).parts.sum(axis=0)[-1]
+    density = densities(WHITE, frame.gyr, frame.u, 0.01, frame.u.mean(axis=0))
+    batch = preintegrate(frame, np.array([0, 56, 60]), density).parts.sum(axis=0)[-1]
     sigma = np.sqrt(np.diagonal(batch))
     np.testing.assert_allclose(legs[-1].Q / np.outer(sigma, sigma), batch / np.outer(sigma, sigma), atol=0.01)
 

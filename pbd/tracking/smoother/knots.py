@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pbd.data.streams import interpolate
 from pbd.lazy import cached_property
 from pbd.pose import Array, quat_rotate, quat_to_matrix
 from pbd.tracking.first_rest import Rest
@@ -82,6 +83,7 @@ class Samples:
 
     Attributes:
         frame, rest, noise, no_gyro: as in `Problem`.
+        still: spans that look still, accepted or not.
         mag: (n, 3) in any unit, or None.
         still_sigma: (n,) m/s per axis, sigma of zero velocity.
         extra_rows, lost_motion, gaps, still_gaps: as `smooth` takes them.
@@ -90,6 +92,7 @@ class Samples:
     frame: GyroFrame
     rest: Rest
     noise: Noise
+    still: Spans
     mag: Array | None
     still_sigma: Array
     extra_rows: Sequence[int]
@@ -102,7 +105,8 @@ class Samples:
     def density(self) -> tuple[Array, Array]:
         """`densities` at each row, with the unknown motion in gaps."""
         frame, noise, rest = self.frame, self.noise, self.rest
-        t, (s_g, s_a) = frame.t, densities(noise, frame.gyr, frame.u, frame.dt)
+        up = _force_at_rest(frame, self.still)
+        t, (s_g, s_a) = frame.t, densities(noise, frame.gyr, frame.u, frame.dt, up)
         if self.no_gyro:  # the device's attitude follows a turn late, then catches up
             s_g[0] = noise.device_lag * (frame.gyr**2).sum(axis=1)
             s_a[0] = frame.dt * frame.u[rest.start : rest.stop].var(axis=0).mean()  # gravity, tilted by attitude noise
@@ -111,6 +115,20 @@ class Samples:
             s_g[0, first : last + 1] += noise.unseen_rate**2 * lasts
             s_a[0, first : last + 1] += 12.0 * noise.unseen_speed**2 / lasts  # a move from rest to rest
         return s_g, s_a
+
+
+def _force_at_rest(frame: GyroFrame, still: Spans) -> Array:
+    """Specific force at rest (n, 3) m/s2: means from knot to knot of the still spans, linear in time between them.
+
+    It is not constant, because the gyro frame drifts.
+    """
+    rows, stop_of = _place_knots(frame.t, still, ())
+    within = (stop_of[1:] == stop_of[:-1]) & (stop_of[1:] >= 0)
+    if not within.any():
+        return np.asarray(frame.u.mean(axis=0))
+    ends = np.column_stack((rows[:-1], rows[1:]))[within]
+    t, gained = frame.t[ends], frame.U[ends[:, 1]] - frame.U[ends[:, 0]]
+    return interpolate(frame.t, t.mean(axis=1), gained / np.diff(t, axis=1))
 
 
 def build_problem(samples: Samples, stops: Spans) -> Problem:

@@ -166,7 +166,7 @@ def _solve_with_wide_prior(
         still_sigma = at_rows(zero_velocity_sigma(energy, frame.dt, noise), len(frame.t))
         del energy  # of a long recording it is large
         samples = Samples(
-            *(frame, rest, noise, without.mag, still_sigma, extra_rows, lost_motion, gaps, still_gaps, no_gyro)
+            *(frame, rest, noise, stops, without.mag, still_sigma, extra_rows, lost_motion, gaps, still_gaps, no_gyro)
         )
         problem = build_problem(samples, stops)
         if not problem.stops:

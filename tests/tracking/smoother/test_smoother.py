@@ -28,6 +28,7 @@ from pbd.tracking.moving_windows import Spans
 from pbd.tracking.noise import BARE, FACTORY, Noise, acc_sigma_factor, noise_of
 from pbd.tracking.repair.repair_recording import repair_recording
 from pbd.tracking.smoother import normal_equations
+from pbd.tracking.smoother.attitude import gyro_frame_of
 from pbd.tracking.smoother.doubtful_stops import MOVING_WEIGHT, revised_stops
 from pbd.tracking.smoother.factors import (
     GAUGE_WEIGHT,
@@ -93,11 +94,24 @@ def test_a_hand_at_rest_may_turn_twice_as_far_as_it_sways_about_a_steady_turn() 
     assert sigma == pytest.approx([np.hypot(1e-3, 2.0 * sway)] * 2 + [1e-3], rel=1e-3)
 
 
+def test_a_rest_has_no_noise_of_motion_however_far_the_gyro_frame_drifts() -> None:
+    """The gyro's bias of 1 degree a second tilts gravity by 20 degrees in the gyro frame."""
+    recording = simulate("pour", "modern", 0).recording
+    problem = not_none(smoothed(recording).solution).problem
+    frame = gyro_frame_of(recording, problem.rest.gyro_bias + np.radians((1.0, 0.0, 0.0)))
+    samples = Samples(frame, problem.rest, problem.noise, problem.stops, None, frame.t, (), (), (), (), no_gyro=False)
+    white, _, motion = samples.density[1][:, problem.rows[problem.stop_of >= 0]]
+    assert (motion < 0.01 * white).all()
+
+
 def test_a_gap_hides_a_move_from_rest_to_rest_and_a_turn() -> None:
     """A move of `unseen_speed` times its length: the integral of a random walk that is tied to zero at both ends."""
     problem = not_none(smoothed(simulate("pour", "modern", 0).recording).solution).problem
     frame, rest, noise, gap = problem.frame, problem.rest, problem.noise, (20, 29)
-    samples = (Samples(frame, rest, noise, None, frame.t, (), (), gaps, (), no_gyro=False) for gaps in ([], [gap]))
+    samples = (
+        Samples(frame, rest, noise, problem.stops, None, frame.t, (), (), gaps, (), no_gyro=False)
+        for gaps in ([], [gap])
+    )
     seen, hidden = (each.density for each in samples)
     turn, move = (after[0] - before[0] for before, after in zip(seen, hidden, strict=True))
     lasts = frame.t[29] - frame.t[20]
