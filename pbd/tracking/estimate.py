@@ -11,7 +11,7 @@ from pbd.data import ErrorEstimate, Recording, SensorEstimate, Stop
 from pbd.data.covariance import PoseCovariance
 from pbd.errors import TrackingError
 from pbd.pose import Array, lengths, quat_inverse, quat_log, quat_multiply
-from pbd.tracking.first_rest import Rest
+from pbd.tracking.first_rest import REST_S, Rest
 from pbd.tracking.noise import OUTLIER_SIGMAS, Noise, acc_sigma_factor
 from pbd.tracking.smoother.doubtful_stops import stop_weights
 from pbd.tracking.smoother.normal_equations import STATE, STATE_ACC_BIAS, STATE_GYR_BIAS, Solved
@@ -82,8 +82,10 @@ def estimate(
     first = np.searchsorted(problem.stop_of[in_stops], [parts[0] for parts in joined])
     end = np.searchsorted(problem.stop_of[in_stops], [parts[-1] for parts in joined], "right")
     knots = in_stops[(first + end - 1) // 2].tolist()
-    knots[0] = int(in_stops[first[0]])  # nav's origin is where the first rest begins
-    sensor = None if problem.no_gyro else _sensor_estimate(solution, knots[0])
+    # Nav's origin is in the last second of the first rest: creep in a long wait before it is no error of the moves.
+    last_second = np.searchsorted(problem.t[in_stops[: end[0] - 1]], t[stops[0].stop - 1] - REST_S)
+    knots[0] = max(knots[0], int(in_stops[last_second]))
+    sensor = None if problem.no_gyro else _sensor_estimate(solution, int(in_stops[first[0]]))
     solution = with_own_noise(solution)
     p_stop = solution.state.p[knots] - solution.state.p[knots[0]]
     of_knots = solution.solved, knots, p_stop

@@ -11,7 +11,8 @@ from functools import cache
 import numpy as np
 import pytest
 
-from pbd.simulation.simulate import simulate
+from pbd.pipeline import track
+from pbd.simulation.simulate import random_task, simulate
 from pbd.tracking.estimate import estimate
 from pbd.tracking.first_rest import find_rest
 from pbd.tracking.noise import Noise, noise_of
@@ -65,6 +66,12 @@ def constant(errors: Errors) -> Errors:
     cov = errors.cov.copy()
     cov[:, 3:, 3:] = np.radians(0.4) ** 2 * np.eye(3)
     return replace(errors, cov=cov)
+
+
+def test_waiting_before_the_first_move_makes_no_keyframe_less_certain() -> None:
+    tasks = (random_task(3, moves=2, first_rest_s=first_rest_s) for first_rest_s in (2.0, 60.0))
+    soon, late = (track(simulate(task, "modern", 5).recording).cov[1, 0, 0] for task in tasks)
+    assert late < 1.5 * soon
 
 
 def test_the_prior_of_a_stops_speed_keeps_its_weight_however_often_it_is_scaled() -> None:
