@@ -31,6 +31,7 @@ def test_rests_agree_with_the_optics(data_folder: Path) -> None:
 
 
 @pytest.mark.filterwarnings("ignore:the hand moves when the recording ends:pbd.errors.PbdWarning")
+@pytest.mark.filterwarnings("ignore:.*its readings drift like:pbd.errors.PbdWarning")  # they do
 def test_minutes_without_a_stop_are_tracked_with_a_gyro_that_drifts(data_folder: Path) -> None:
     """Its bias walks half as far again as the model assumes. Dead reckoning may end a kilometre away."""
     for file in sorted((data_folder / "broad").glob("1[06]_*.npz")):
