@@ -82,10 +82,12 @@ def estimate(
     first = np.searchsorted(problem.stop_of[in_stops], [parts[0] for parts in joined])
     end = np.searchsorted(problem.stop_of[in_stops], [parts[-1] for parts in joined], "right")
     knots = in_stops[(first + end - 1) // 2].tolist()
-    # Nav's origin is in the last second of the first rest: creep in a long wait before it is no error of the moves.
-    last_second = np.searchsorted(problem.t[in_stops[: end[0] - 1]], t[stops[0].stop - 1] - REST_S)
-    knots[0] = max(knots[0], int(in_stops[last_second]))
-    sensor = None if problem.no_gyro else _sensor_estimate(solution, int(in_stops[first[0]]))
+    # Nav's origin is in the last second of the first rest, or of its part before a gap in the data: what the hand
+    # creeps in a long wait is no error of the moves.
+    begin = int(in_stops[first[0]])
+    leaves = begin + int(np.argmin(np.append(problem.same_stop[begin:], False)))
+    knots[0] = max((begin + leaves) // 2, int(np.searchsorted(problem.t, problem.t[leaves] - REST_S)))
+    sensor = None if problem.no_gyro else _sensor_estimate(solution, begin)
     solution = with_own_noise(solution)
     p_stop = solution.state.p[knots] - solution.state.p[knots[0]]
     of_knots = solution.solved, knots, p_stop
