@@ -223,7 +223,7 @@ def test_what_a_file_says_against_itself_is_told_at_each_use(capsys: Capture, to
     """It was told once, when the file was written; demonstrations were 10 cm off in silence."""
     write_points(0.95 * touched.points)
     run(capsys, *POINTS)
-    poor = "warning: the [nav] of 'bench' fits its recording 6.8 times worse than the tracker's uncertainty predicts"
+    poor = "warning: the [nav] of 'bench' fits its recording 6.4 times worse than the tracker's uncertainty predicts"
     for command in (("keyframes", "touches", "--calibration", "bench"), ("calibrate", "show", "bench", "touches")):
         assert run(capsys, *command)[2].count(poor) == 1
     write_points(touched.points)
