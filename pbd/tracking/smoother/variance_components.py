@@ -13,8 +13,9 @@ from pbd.tracking.smoother.preintegration import VEL
 from pbd.tracking.smoother.smooth import Solution
 from pbd.tracking.smoother.state import Fixed
 
-PRIOR_FREEDOM, PRIOR_FREEDOM_STILL = 5.0, 30.0
-"""Weight of the prior of a variance component, in degrees of freedom: of the sensor's noise; of zero velocity."""
+PRIOR_FREEDOM, PRIOR_FREEDOM_STILL = 1.0, 30.0
+"""Weight of the prior of a variance component, in degrees of freedom: of the sensor's noise, as much as one observation
+(R. E. Kass and L. Wasserman, JASA 90, 1995); of zero velocity, which two stops of a coarse sensor hardly show."""
 
 
 def with_own_noise(solution: Solution) -> Solution:
