@@ -147,7 +147,7 @@ def place_in_base(
     path: HandPath | None = None,
     orientation: str = "demo",
 ) -> KeyframesInBase:
-    """Place keyframes in base, by the attitude at the first of them and by the places in base that the path used.
+    """Place keyframes in base, by the attitude at the first of them and by the known places that the path used.
 
     Raises:
         CalibrationError: as `nav_in_base`; or as `with_heading_sigma`, if the path is given; or, with orientation
@@ -166,9 +166,11 @@ def place_in_base(
                 f"of '{calibration.name}', or use --orientation demo",
                 value=up,
             )
-    placed = KeyframesInBase(keyframes, T_base_nav, calibration, scale, path, orientation)
-    update = placed.start_update
-    return placed if update is None else replace(placed, T_base_nav=update.corrected(T_base_nav))
+    update = None if path is None or path.start is None or not path.start.is_of(calibration) else path.start
+    if update is not None:
+        T_base_nav = update.corrected(T_base_nav)
+        calibration = replace(calibration, T_sensor_tool=update.corrected_tool)
+    return KeyframesInBase(keyframes, T_base_nav, calibration, scale, path, orientation, update)
 
 
 def refuse_tilted(T_base_nav: Pose) -> None:

@@ -3,8 +3,6 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from pbd.data import Calibration, HandPath, Keyframe, Robot
 from pbd.data.calibration import TOOL_DOWN
 from pbd.data.constraints import StartUpdate
@@ -22,6 +20,7 @@ class KeyframesInBase:
         scale: multiplies p_nav_sensor and nothing else.
         orientation: "demo", or "fixed": the tool keeps the heading of keyframe 0, with its z straight down.
         path: their path, with joint covariance and touch-ups; None: the keyframes' errors are independent.
+        start_update: by which T_base_nav and the calibration's mount are corrected; None: they are not.
     """
 
     keyframes: Sequence[Keyframe]
@@ -30,15 +29,7 @@ class KeyframesInBase:
     scale: float = 1.0
     path: HandPath | None = None
     orientation: str = "demo"
-
-    @property
-    def start_update(self) -> StartUpdate | None:
-        """What the path's places known in base say of this calibration's start; None: nothing."""
-        update, start = None if self.path is None else self.path.start, self.calibration.start
-        if update is None or start is None:
-            return None
-        same = np.array_equal(update.start.p, start.p) and np.array_equal(update.start.wxyz, start.wxyz)
-        return update if same else None
+    start_update: StartUpdate | None = None
 
 
 def with_table(calibration: Calibration, robot: Robot) -> Calibration:

@@ -41,19 +41,20 @@ def _stops_of(path: HandPath, keyframes: Sequence[Keyframe]) -> dict[int, int]:
 
 
 def _joint_errors(placed: KeyframesInBase) -> tuple[Array, Array]:
-    """Return the covariance (6k + 6, 6k + 6) of the errors of k keyframes in nav and of the start in base, without
-    those of the calibration; and the derivatives (6k + 6, 9) of these errors by the calibration's (`StartUpdate`)."""
+    """Return the covariance (6k + 12, 6k + 12) of the errors of k keyframes in nav, of the start in base and of the
+    tool on the sensor, without those of the calibration; and their derivatives (6k + 12, 9) by the calibration's
+    errors (`StartUpdate`)."""
     path, keyframes, update = placed.path, placed.keyframes, placed.start_update
     k = len(keyframes)
-    cov, by_calibration = np.zeros((k + 1, 6, k + 1, 6)), np.zeros((k + 1, 6, 9))
+    cov, by_calibration = np.zeros((k + 2, 6, k + 2, 6)), np.zeros((k + 2, 6, 9))
     cov[:k, :, :k] = keyframes_covariance(path, keyframes).reshape(k, 6, k, 6)
-    by_calibration[k, :, :6] = np.eye(6)
+    by_calibration[k, :, :6], by_calibration[k + 1, :3, 6:] = np.eye(6), np.eye(3)
     if path is not None and update is not None:
-        stops = _stops_of(path, keyframes) | {k: len(path.stops)}
+        stops = _stops_of(path, keyframes) | {k: len(path.stops), k + 1: len(path.stops) + 1}
         rows, at = list(stops), list(stops.values())
         cov[np.ix_(rows, range(6), rows, range(6))] = update.covariance.joint(at).reshape(len(at), 6, len(at), 6)
         by_calibration[rows] = update.by_calibration[at]
-    return cov.reshape(6 * k + 6, -1), by_calibration.reshape(-1, 9)
+    return cov.reshape(6 * k + 12, -1), by_calibration.reshape(-1, 9)
 
 
 def tool_covariances(placed: KeyframesInBase) -> dict[str, Array]:
@@ -78,7 +79,7 @@ def diagonal_blocks(joint: Array) -> Array:
 def joint_tool_covariances(placed: KeyframesInBase) -> dict[str, Array]:
     """Return the joint covariance (6k, 6k) of all tool poses, for each of SOURCES.
 
-    Errors of dock and mount are the same at all keyframes. Places known in base, whose own errors are a part of
+    Errors of dock and mount are the same at all keyframes. Known places, whose own errors are a part of
     "tracking", correlate dock, mount and tracking; each part is what remains of that source's errors. The scale's is a
     part of "start", without its correlation with nav's pose, which the file does not keep.
     """
@@ -86,15 +87,15 @@ def joint_tool_covariances(placed: KeyframesInBase) -> dict[str, Array]:
     cov_mount = np.zeros((6, 6)) if calibration.cov_sensor_tool is None else calibration.cov_sensor_tool
 
     def of_tool(errors: Array) -> Array:
-        """Map errors (6k + 6, c) of keyframes and start to those of the tool's poses, (6k, c)."""
-        poses = errors[:-6].reshape(len(placed.keyframes), 6, -1)
+        """Map errors (6k + 12, c) of keyframes, start and mount to those of the tool's poses, (6k, c)."""
+        poses = errors[:-12].reshape(len(placed.keyframes), 6, -1)
         with_first = np.concatenate((np.broadcast_to(poses[:1], poses.shape), poses), axis=1)
-        return np.asarray((J["tracking"] @ with_first + J["start"] @ errors[-6:]).reshape(-1, errors.shape[1]))
+        in_base = J["tracking"] @ with_first + J["start"] @ errors[-12:-6] + J["mount"] @ errors[-6:]
+        return np.asarray(in_base.reshape(-1, errors.shape[1]))
 
     cov, by_calibration = _joint_errors(placed)
     start, tip = np.split(of_tool(by_calibration), [6], axis=1)
-    mount = J["mount"].reshape(-1, 6)
-    mount[:, :3] += tip
+    mount = np.hstack((tip, J["mount"].reshape(-1, 6)[:, 3:]))
     shown = np.array([keyframe.T_nav_sensor.p for keyframe in placed.keyframes]) * placed.scale * calibration.scale
     by_scale = np.hstack((quat_rotate(placed.T_base_nav.wxyz, shown), np.zeros_like(shown))).ravel()
     of_start, of_mount = start @ calibration.cov_start @ start.T, mount @ cov_mount @ mount.T

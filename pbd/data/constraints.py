@@ -2,6 +2,9 @@
 
 from dataclasses import dataclass
 
+import numpy as np
+
+from pbd.data.calibration import Calibration
 from pbd.data.covariance import PoseCovariance
 from pbd.data.field_checks import freeze_tuples, require_finite
 from pbd.errors import UsageError, require_kind
@@ -96,24 +99,37 @@ class ClaimFit:
 
 @dataclass(frozen=True, eq=False)
 class StartUpdate(Frozen):
-    """What places known in base say of the start's pose there, besides the poses at the path's k stops.
+    """What known places say of the start in base and of the tool on the sensor, besides the poses at the k stops.
 
     Attributes:
         start: the calibration's dock or nav, which they correct.
-        step: (6,) m and rad in base, the correction: position, rotation vector.
-        by_calibration: (k + 1, 6, 9), the errors that remain at the stops and, last, in the start, per error of the
-            calibration: of the start (m, rad) and of the tool's position on the sensor (m).
-        covariance: of the same k + 1 errors, without those of the calibration.
+        T_sensor_tool: the calibration's mount, which they correct.
+        steps: (2, 6) m and rad, the corrections: position, rotation vector; of the start in base, and of the tool in
+            sensor axes, whose rotation they don't show.
+        by_calibration: (k + 2, 6, 9), the errors that remain at the stops and, last, in the start and in the tool's
+            pose, per error of the calibration: of the start (m, rad) and of the tool's position on the sensor (m).
+        covariance: of the same k + 2 errors, without those of the calibration.
     """
 
     start: Pose
-    step: Array
+    T_sensor_tool: Pose
+    steps: Array
     by_calibration: Array
     covariance: PoseCovariance
 
     def __post_init__(self) -> None:
-        freeze_arrays(self, step=(6,), by_calibration=(self.covariance.count, 6, 9))
+        freeze_arrays(self, steps=(2, 6), by_calibration=(self.covariance.count, 6, 9))
+
+    def is_of(self, calibration: Calibration) -> bool:
+        """Whether it is this calibration that they correct."""
+        pairs = ((self.start, calibration.start), (self.T_sensor_tool, calibration.T_sensor_tool))
+        return all(b and np.array_equal(a.p, b.p) and np.array_equal(a.wxyz, b.wxyz) for a, b in pairs)
 
     def corrected(self, T_base_nav: Pose) -> Pose:
         """Return nav's pose in base after the correction."""
-        return Pose(T_base_nav.p + self.step[:3], quat_multiply(quat_exp(self.step[3:]), T_base_nav.wxyz))
+        return Pose(T_base_nav.p + self.steps[0, :3], quat_multiply(quat_exp(self.steps[0, 3:]), T_base_nav.wxyz))
+
+    @property
+    def corrected_tool(self) -> Pose:
+        """T_sensor_tool after the correction."""
+        return Pose(self.T_sensor_tool.p + self.steps[1, :3], self.T_sensor_tool.wxyz)

@@ -96,7 +96,7 @@ class PlanningTask:
         """The demonstrated move to each keyframe but the first; there must be a path."""
         assert self.hand_path is not None
         at, how = (self.placed.T_base_nav, self.T_base_tool), (self.options.scale, self.options.orientation == "fixed")
-        return demonstrated_moves(self.hand_path, self.keyframes, *at, self.calibration, *how)
+        return demonstrated_moves(self.hand_path, self.keyframes, *at, self.placed.calibration, *how)
 
     @cached_property
     def request(self) -> MotionRequest:

@@ -38,7 +38,7 @@ def apply_constraints(
 
     Returns:
         The path with new poses, velocities (the derivative of position, zero in stops) and covariance, the fit of each
-        claim, and what the claims in base say of the start. The velocity misclosures are unchanged.
+        claim, and what the claims say of start and mount. The velocity misclosures are unchanged.
 
     Raises:
         TrackingError: a claim contradicts the data, or names no stop.
@@ -55,8 +55,8 @@ def apply_constraints(
     fits = fits_of(path, claims, misfit, S)
 
     gain, start = PG @ np.linalg.inv(S), None
-    if calibration is not None and calibration.start is not None:
-        start = _start_update(path.covariance, claims, calibration, calibration.start, (gain, G, R, misfit, S))
+    if calibration is not None:
+        start = _start_update(path.covariance, claims, calibration, (gain, G, R, misfit, S))
     covariance = PoseCovariance(path.covariance.count, partial(_joseph_times, path.covariance, gain, G, R))
     return replace(_move_path(path, gain @ misfit), covariance=covariance, claims=fits, start=start)
 
@@ -65,31 +65,34 @@ def _start_update(
     prior: PoseCovariance,
     claims: Sequence[Claim],
     calibration: Calibration,
-    start: Pose,
     update: tuple[Array, Array, Array, Array, Array],
 ) -> StartUpdate | None:
-    """The start's part in the update of the poses (gain, G, R, misfit, S), as if it were one more pose; None if no
-    claim is in base.
+    """The part of start and mount in the update of the poses (gain, G, R, misfit, S), as if they were two more poses;
+    None if the claims say nothing of them.
 
-    The start's error has no part in the prior covariance of the poses: its share of R is `by_calibration`.
+    Their errors have no part in the prior covariance of the poses: their share of R is `by_calibration`.
     """
     (gain, G, R, misfit, S), by_calibration = update, np.vstack([claim.by_calibration for claim in claims])
-    if not by_calibration[:, START_ERRORS].any():
-        return None
     errors = _calibration_errors(calibration)
-    of_start = -errors[START_ERRORS] @ by_calibration.T @ np.linalg.inv(S)
-    gain, G = np.concatenate((gain, of_start[None])), np.concatenate((G, np.zeros((1, *G.shape[1:]))))
+    by_claim = -errors @ by_calibration.T @ np.linalg.inv(S)
+    if calibration.start is None or not by_claim.any():
+        return None
+    more, themselves = np.zeros((2, 6, len(S))), np.zeros((2, 6, 9))
+    for i, part in enumerate((START_ERRORS, MOUNT_ERRORS)):
+        more[i, : part.stop - part.start] = by_claim[part]
+        themselves[i, : part.stop - part.start] = np.eye(9)[part]
+    gain, G = np.concatenate((gain, more)), np.concatenate((G, np.zeros((2, *G.shape[1:]))))
     remaining = gain @ by_calibration
-    remaining[-1, :, START_ERRORS] += np.eye(6)
-    poses = PoseCovariance(prior.count + 1, partial(_with_exact_start, prior))
+    remaining[-2:] += themselves
+    poses = PoseCovariance(prior.count + 2, partial(_with_two_exact, prior))
     own = R - by_calibration @ errors @ by_calibration.T
     covariance = PoseCovariance(poses.count, partial(_joseph_times, poses, gain, G, own))
-    return StartUpdate(start, of_start @ misfit, remaining, covariance)
+    return StartUpdate(calibration.start, calibration.T_sensor_tool, more @ misfit, remaining, covariance)
 
 
-def _with_exact_start(prior: PoseCovariance, columns: Array) -> Array:
-    """The covariance of poses and of a start without errors, times columns (k + 1, 6, c)."""
-    return np.concatenate((prior.multiply(columns[:-1]), np.zeros_like(columns[-1:])))
+def _with_two_exact(prior: PoseCovariance, columns: Array) -> Array:
+    """The covariance of poses, and of two more without errors, times columns (k + 2, 6, c)."""
+    return np.concatenate((prior.multiply(columns[:-2]), np.zeros_like(columns[-2:])))
 
 
 def _joseph_times(prior: PoseCovariance, gain: Array, G: Array, R: Array, columns: Array) -> Array:

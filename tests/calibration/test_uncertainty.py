@@ -93,11 +93,17 @@ def test_a_keyframe_is_as_certain_as_its_person_says() -> None:
         assert_allclose(found, 0.01**2 * np.eye(6), atol=1e-12)
 
 
-def test_a_place_in_base_corrects_the_dock_as_one_estimate_of_all_does() -> None:
-    """Of dock and path together: the tool at a place known to 1 mm is there to 1 mm, whatever the dock's sigma is."""
+@pytest.mark.parametrize("mount_sigma", [0.0, 0.005])
+def test_a_place_in_base_corrects_dock_and_mount_as_one_estimate_of_all_does(mount_sigma: float) -> None:
+    """The tool at a place known to 1 mm is there to 1 mm, whatever the sigmas of dock and mount are."""
     demo, sigma = load_demo("pouring"), 0.001
     alone = track(demo)
-    dock = Calibration("c", T_base_dock=Pose.from_rpy((0.4, -0.1, 0.2), (0.0, 0.0, 0.7)))
+    dock = Calibration(
+        "c",
+        T_base_dock=Pose.from_rpy((0.4, -0.1, 0.2), (0.0, 0.0, 0.7)),
+        T_sensor_tool=T_SENSOR_TOOL,
+        cov_sensor_tool=np.diag([*[mount_sigma**2] * 3, 0.0, 0.0, 0.0]),
+    )
     without = place_in_base(keyframes_of(alone), dock, path=alone)
     before, cov = np.array([pose.p for pose in tool_poses(without)]), total_covariance(without)
     at = [2, 3]
@@ -112,7 +118,8 @@ def test_a_place_in_base_corrects_the_dock_as_one_estimate_of_all_does() -> None
     assert_allclose([pose.p for pose in tool_poses(placed)], expected, rtol=0.0, atol=1e-4)
     sigmas = np.sqrt(np.diagonal(cov - gain @ cov[rows]))
     assert_allclose(np.sqrt(np.diagonal(total_covariance(placed))), sigmas, rtol=0.05, atol=1e-9)
-    assert place_in_base(keyframes_of(path), replace(dock, T_base_dock=Pose.identity()), path=path).start_update is None
+    for other in (replace(dock, T_base_dock=Pose.identity()), replace(dock, T_sensor_tool=Pose.identity())):
+        assert place_in_base(keyframes_of(path), other, path=path).start_update is None
 
 
 def test_a_scale_that_points_showed_is_uncertain_at_a_distance() -> None:
