@@ -1,13 +1,12 @@
 """Covariance of the tool's pose in base at each keyframe, by its sources."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from pbd.calibration.tool_poses import KeyframesInBase, tool_poses
-from pbd.data import HandPath, Keyframe
 from pbd.data.calibration import TOOL_DOWN
 from pbd.pose import Array, quat_inverse, quat_multiply, quat_rotate, quat_to_matrix, skew
 
@@ -15,45 +14,39 @@ SOURCES = {"start": "where the hand starts", "mount": "the mount", "tracking": "
 """Sources of the tool's uncertainty, and their names for the user."""
 
 
-def keyframes_covariance(path: HandPath | None, keyframes: Sequence[Keyframe]) -> Array:
-    """Return the joint covariance (6k, 6k) of keyframes in nav.
-
-    A keyframe within a stop of the path has errors in common with the path's others. The errors of a keyframe that a
-    person inserted are independent; a keyframe without a covariance is exact.
-    """
-    k = len(keyframes)
-    joint = np.zeros((k, 6, k, 6))
-    joint[range(k), :, range(k)] = [keyframe.cov for keyframe in keyframes]
-    if path is not None:
-        stops = _stops_of(path, keyframes)
-        rows, of_path = list(stops), path.covariance.joint(list(stops.values()))
-        joint[np.ix_(rows, range(6), rows, range(6))] = of_path.reshape(len(rows), 6, len(rows), 6)
-    return joint.reshape(6 * k, 6 * k)
-
-
-def _stops_of(path: HandPath, keyframes: Sequence[Keyframe]) -> dict[int, int]:
-    """Return index of keyframe -> index of the path's stop that it is in."""
-    return {
-        i: stop
-        for i, keyframe in enumerate(keyframes)
-        if keyframe.cov.any() and (stop := path.stop_at(keyframe.t)) is not None
-    }
-
-
 def _joint_errors(placed: KeyframesInBase) -> tuple[Array, Array]:
     """Return the covariance (6k + 12, 6k + 12) of the errors of k keyframes in nav, of the start in base and of the
     tool on the sensor, without those of the calibration; and their derivatives (6k + 12, 9) by the calibration's
-    errors (`StartUpdate`)."""
+    errors (`StartUpdate`).
+
+    A keyframe in a stop of the path has the stop's error e, which it has in common with the path's others. If a person
+    gave it a larger sigma, an independent error adds to e. If the sigma is smaller, the person measured the keyframe:
+    as after a Kalman filter's update, its error is a share of e, and an independent one. The error of a keyframe that
+    a person inserted is independent; a keyframe without a covariance is exact.
+    """
     path, keyframes, update = placed.path, placed.keyframes, placed.start_update
     k = len(keyframes)
     cov, by_calibration = np.zeros((k + 2, 6, k + 2, 6)), np.zeros((k + 2, 6, 9))
-    cov[:k, :, :k] = keyframes_covariance(path, keyframes).reshape(k, 6, k, 6)
+    cov[range(k), :, range(k)] = [keyframe.cov for keyframe in keyframes]
     by_calibration[k, :, :6], by_calibration[k + 1, :3, 6:] = np.eye(6), np.eye(3)
-    if path is not None and update is not None:
-        stops = _stops_of(path, keyframes) | {k: len(path.stops), k + 1: len(path.stops) + 1}
+    if path is not None:
+        stops = {
+            i: stop
+            for i, keyframe in enumerate(keyframes)
+            if keyframe.cov.any() and (stop := path.stop_at(keyframe.t)) is not None
+        }
         rows, at = list(stops), list(stops.values())
-        cov[np.ix_(rows, range(6), rows, range(6))] = update.covariance.joint(at).reshape(len(at), 6, len(at), 6)
-        by_calibration[rows] = update.by_calibration[at]
+        own, of_stop = (np.diagonal(each, axis1=1, axis2=2) for each in (cov[rows, :, rows], path.cov[at]))
+        share = np.minimum(1.0, np.divide(own, of_stop, out=np.ones_like(own), where=of_stop > 0.0))
+        rest = own - share**2 * of_stop
+        covariance = path.covariance
+        if update is not None:
+            rows, at = [*rows, k, k + 1], [*at, len(path.stops), len(path.stops) + 1]
+            share, rest = np.vstack((share, np.ones((2, 6)))), np.vstack((rest, np.zeros((2, 6))))
+            covariance = update.covariance
+            by_calibration[rows] = share[:, :, None] * update.by_calibration[at]
+        joint = np.outer(share, share) * covariance.joint(at) + np.diag(rest.ravel())
+        cov[np.ix_(rows, range(6), rows, range(6))] = joint.reshape(len(at), 6, len(at), 6)
     return cov.reshape(6 * k + 12, -1), by_calibration.reshape(-1, 9)
 
 

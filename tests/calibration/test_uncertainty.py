@@ -68,7 +68,9 @@ def test_each_part_agrees_with_finite_differences(part: str, orientation: str) -
     J, here = np.column_stack(columns), placed(np.zeros(12))
     tracked = cov if part == "tracking" else np.zeros((12, 12))
     atol = 1e-9 * np.trace(cov)
-    with patch("pbd.calibration.uncertainty.keyframes_covariance", return_value=tracked):
+    calibrations = np.vstack((np.zeros((12, 9)), np.eye(6, 9), np.eye(6, 9, 6)))
+    errors = block_diag(tracked, np.zeros((12, 12))), calibrations
+    with patch("pbd.calibration.uncertainty._joint_errors", return_value=errors):
         assert_allclose(sum(joint_tool_covariances(here).values()), J @ cov @ J.T, rtol=0.0, atol=atol)
     if part == "tracking":
         cov = block_diag(*own)  # without a path the keyframes' errors are independent
@@ -85,12 +87,16 @@ def test_a_dock_without_a_covariance_has_the_default_sigma() -> None:
 
 
 def test_a_keyframe_is_as_certain_as_its_person_says() -> None:
-    """By keyframes.toml, whatever the path's own covariance at that stop is."""
+    """By keyframes.toml, whatever the path's own covariance at that stop is: alone, and jointly with the others."""
     path = track(load_demo("pouring"))
-    edited = [replace(each, cov=0.01**2 * np.eye(6)) for each in keyframes_of(path)]
+    found = keyframes_of(path)
+    sigmas = np.linspace(1e-4, 2e-2, len(found))
+    edited = [replace(each, cov=sigma**2 * np.eye(6)) for each, sigma in zip(found, sigmas, strict=True)]
     here = KeyframesInBase(edited, Pose.identity(), Calibration("c", T_base_nav=Pose.identity()), path=path)
-    for found in tool_covariances(here)["tracking"]:
-        assert_allclose(found, 0.01**2 * np.eye(6), atol=1e-12)
+    joint = joint_tool_covariances(here)["tracking"]
+    for cov in (block_diag(*tool_covariances(here)["tracking"]), joint):
+        assert_allclose(np.sqrt(np.diagonal(cov)), np.repeat(sigmas, 6), rtol=1e-9)
+    assert np.linalg.eigvalsh(joint).min() > 0.0
 
 
 @pytest.mark.parametrize("mount_sigma", [0.0, 0.005])
