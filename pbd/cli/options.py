@@ -116,6 +116,14 @@ def add_accept_gap(parser: argparse.ArgumentParser) -> None:
     parser.set_defaults(method="default")
 
 
+def add_placing(group: argparse._ArgumentGroup) -> None:
+    """Add the options that say where the motion's keyframes are in base."""
+    size = "factor on the motion's size; it multiplies the scale of the dock or the calibration (1)"
+    option(group, "--scale", "S", size, type=positive, default=1.0)
+    fixed = "'demo': as the hand turned; 'fixed': straight down, with the heading of the first keyframe (demo)"
+    option(group, "--orientation", None, fixed, choices=("demo", "fixed"), default="demo")
+
+
 def add_planning(
     parser: argparse.ArgumentParser, robot_required: bool = True, units: bool = True, measured: bool = False
 ) -> None:
@@ -126,10 +134,7 @@ def add_planning(
     """
     group = parser.add_argument_group("motion")
     option(group, "--robot", "R", "name or file; see `pbd robots`", required=robot_required)
-    size = "factor on the motion's size; it multiplies the scale of the dock or the calibration (1)"
-    option(group, "--scale", "S", size, type=positive, default=1.0)
-    fixed = "'demo': as the hand turned; 'fixed': straight down, with the heading of the first keyframe (demo)"
-    option(group, "--orientation", None, fixed, choices=("demo", "fixed"), default="demo")
+    add_placing(group)
     way = "between keyframes: straight in joint space, the tool on a straight line, or as the hand went (keyframes)"
     option(group, "--path", None, way, choices=("keyframes", "line", "demo"), default="keyframes")
     tolerance = "with --path keyframes: moves that stray farther from a straight line are made straight"

@@ -33,7 +33,7 @@ def run(args: argparse.Namespace) -> None:
     demo = load_demonstration(args.demo)
     robot, calibration = load_robot_and_calibration(args.robot, args.calibration)
     path, keyframes = track_demonstration(args, demo, calibration)
-    placed = place_in_base(keyframes, calibration, path=path)
+    placed = place_in_base(keyframes, calibration, args.scale, path, args.orientation)
     before = touched_up(placed)
     if args.undo and all(each.undone for each in demo.touch_ups):
         raise RecordingError("there is no touch-up to undo; `pbd touch DEMO KEYFRAME --by X Y Z` makes one")

@@ -95,6 +95,15 @@ def test_a_touch_up_made_with_another_dock_is_told(tea: Path, capsys: Capture) -
     assert "corrected twice" not in run(capsys, "keyframes", "tea", *bench)[2]
 
 
+def test_a_place_is_of_the_motion_that_was_tried(tea: Path, capsys: Capture) -> None:
+    """The tool of half the motion, with its z straight down, is told to be 1 cm higher: it moves by no more."""
+    tried, at = ("--scale", "0.5", "--orientation", "fixed"), ("touch", "tea", "4", "--robot", "panda")
+    shown = places(capsys, *tried)[4]
+    assert np.linalg.norm(shown - places(capsys)[4]) > 0.05
+    run(capsys, *at, "--at", *map(str, np.add(shown, (0.0, 0.0, 0.01))), *tried)
+    np.testing.assert_allclose(places(capsys, *tried)[4] - shown, [0.0, 0.0, 0.01], atol=1e-4)
+
+
 def test_touching_again_with_another_calibration_is_told(tea: Path, capsys: Capture) -> None:
     """--by is along base's axes, which another dock turns: without --calibration it may be meant for yours."""
     run(capsys, "calibrate", "dock", "bench", "--position", "0.45", "-0.1", "0.25", "--rpy", "0", "0", "90")

@@ -9,6 +9,7 @@ from pbd.cli.options import (
     REPLACE_DEMO,
     add_accept_gap,
     add_demo,
+    add_placing,
     add_planning,
     add_table,
     add_tracking,
@@ -76,6 +77,7 @@ def touch(parser: ArgumentParser) -> None:
     flag(parser, "--tool", "with --by: in the tool's own axes")
     option(parser, "--at", ("X", "Y", "Z"), "where the tool belongs in base, m", type=finite, nargs=3)
     flag(parser, "--only", "the other keyframes stay where they are")
+    add_placing(parser.add_argument_group("as the motion was tried"))
     flag(parser, "--undo", "undo the last touch-up; an edited file keeps it, marked as undone")
     option(parser, "--calibration", "C", f"{CALIBRATION}; default: the robot's own dock, else 'default'")
     add_accept_gap(parser)
