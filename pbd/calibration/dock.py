@@ -9,7 +9,7 @@ import numpy as np
 from pbd.calibration.field_uniformity import DISTURBED_HEADING, field_at_start
 from pbd.calibration.points import POOR_CHI2
 from pbd.calibration.tool_poses import KeyframesInBase, tool_poses
-from pbd.calibration.uncertainty import tool_covariances
+from pbd.calibration.uncertainty import joint_tool_covariances
 from pbd.data import Calibration, HandPath, Keyframe
 from pbd.data.calibration import DOCK_SIGMA_M
 from pbd.errors import CalibrationError, UsageError, in_degrees, warn
@@ -212,9 +212,9 @@ def dock_at(
     if not 0 <= index < len(keyframes):
         raise UsageError(f"the keyframe must be from 0 to {len(keyframes) - 1}, got {index}", value=index)
     placed = place_in_base(keyframes, calibration, path=path)
-    no_tool = replace(placed.calibration, T_sensor_tool=Pose.identity(), cov_sensor_tool=None)
+    no_tool = replace(placed.calibration, T_sensor_tool=Pose.identity())
     placed = replace(placed, keyframes=[keyframes[index]], calibration=no_tool)
     refuse_tilted(placed.T_base_nav)
-    cov = sum(tool_covariances(placed).values(), np.zeros((1, 6, 6)))[0]
+    cov = np.sum([*joint_tool_covariances(placed, of_sensor=True).values()], axis=0)
     cov[3:5] = cov[:, 3:5] = 0.0
     return tool_poses(placed)[0], cov

@@ -69,14 +69,19 @@ def diagonal_blocks(joint: Array) -> Array:
     return joint.reshape(k, 6, k, 6)[range(k), :, range(k)]
 
 
-def joint_tool_covariances(placed: KeyframesInBase) -> dict[str, Array]:
+def joint_tool_covariances(placed: KeyframesInBase, of_sensor: bool = False) -> dict[str, Array]:
     """Return the joint covariance (6k, 6k) of all tool poses, for each of SOURCES.
+
+    `of_sensor`: the sensor itself is meant, with a T_sensor_tool of identity; errors of the mount count then only as
+    far as known places made errors of start and path of them.
 
     Errors of dock and mount are the same at all keyframes. Known places, whose own errors are a part of
     "tracking", correlate dock, mount and tracking; each part is what remains of that source's errors. The scale's is a
     part of "start", without its correlation with nav's pose, which the file does not keep.
     """
     J, calibration = _jacobians(placed), placed.calibration
+    if of_sensor:
+        J["mount"] = np.zeros_like(J["mount"])
     cov_mount = np.zeros((6, 6)) if calibration.cov_sensor_tool is None else calibration.cov_sensor_tool
 
     def of_tool(errors: Array) -> Array:

@@ -8,7 +8,7 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.linalg import block_diag
 
-from pbd.calibration.dock import place_in_base
+from pbd.calibration.dock import dock_at, place_in_base
 from pbd.calibration.tool_poses import KeyframesInBase, tool_poses
 from pbd.calibration.uncertainty import joint_tool_covariances, tool_covariances
 from pbd.data import Calibration, Keyframe, Known, Place
@@ -138,3 +138,21 @@ def test_a_scale_that_points_showed_is_uncertain_at_a_distance() -> None:
         np.diagonal(tool_covariances(KeyframesInBase([keyframe], Pose.identity(), calibration))["start"][0])
     )
     assert_allclose(sigma, [0.0, 0.003, 0.0, 0.0, 0.0, 0.0], atol=1e-12)
+
+
+def test_a_dock_at_a_known_place_is_uncertain_by_the_lever() -> None:
+    """Oracle: Kalman's update of the sensor's position there by one that is known to lever's and place's sigma."""
+    path, at, lever, sigma = track(load_demo("pouring"), known=Known()), 3, 0.005, 0.001
+    bench = Calibration(
+        "c",
+        T_base_dock=Pose.from_rpy((0.4, -0.1, 0.2), (0.0, 0.0, 0.7)),
+        T_sensor_tool=Pose(np.array([0.0, 0.0, 0.01]), T_SENSOR_TOOL.wxyz),
+        cov_sensor_tool=lever**2 * np.eye(6),
+    )
+    keyframes = keyframes_of(path)
+    before = dock_at(keyframes, at, bench, path)[1][:3, :3]
+    tool = tool_poses(place_in_base(keyframes, bench, path=path))[at].p
+    place = Place((keyframes[at].t,), tuple(tool.tolist()), sigma)
+    after = dock_at(keyframes, at, bench, track(load_demo("pouring"), known=Known(places=(place,)), calibration=bench))
+    expected = before - before @ np.linalg.solve(before + (lever**2 + sigma**2) * np.eye(3), before)
+    assert_allclose(np.sqrt(np.diagonal(after[1])[:3]), np.sqrt(np.diagonal(expected)), rtol=0.01)
