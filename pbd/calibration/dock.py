@@ -169,7 +169,7 @@ def place_in_base(
     update = None if path is None or path.start is None or not path.start.is_of(calibration) else path.start
     if update is not None:
         T_base_nav = update.corrected(T_base_nav)
-        calibration = replace(calibration, T_sensor_tool=update.corrected_tool)
+        calibration = replace(calibration, T_sensor_tool=update.corrected_tool, scale=update.corrected_scale)
     return KeyframesInBase(keyframes, T_base_nav, calibration, scale, path, orientation, update)
 
 

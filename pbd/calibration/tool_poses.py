@@ -20,7 +20,7 @@ class KeyframesInBase:
         scale: multiplies p_nav_sensor and nothing else.
         orientation: "demo", or "fixed": the tool keeps the heading of keyframe 0, with its z straight down.
         path: their path, with joint covariance and touch-ups; None: the keyframes' errors are independent.
-        start_update: by which T_base_nav and the calibration's mount are corrected; None: they are not.
+        start_update: by which T_base_nav and the calibration's mount and scale are corrected; None: they are not.
     """
 
     keyframes: Sequence[Keyframe]

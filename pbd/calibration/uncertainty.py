@@ -15,9 +15,9 @@ SOURCES = {"start": "where the hand starts", "mount": "the mount", "tracking": "
 
 
 def _joint_errors(placed: KeyframesInBase) -> tuple[Array, Array]:
-    """Return the covariance (6k + 12, 6k + 12) of the errors of k keyframes in nav, of the start in base and of the
-    tool on the sensor, without those of the calibration; and their derivatives (6k + 12, 9) by the calibration's
-    errors (`StartUpdate`).
+    """Return the covariance (6k + 18, 6k + 18) of the errors of k keyframes in nav, of the start in base, of the
+    tool on the sensor and of the scale, without those of the calibration; and their derivatives (6k + 18, 10) by the
+    calibration's errors (`StartUpdate`).
 
     A keyframe in a stop of the path has the stop's error e, which it has in common with the path's others. If a person
     gave it a larger sigma, an independent error adds to e. If the sigma is smaller, the person measured the keyframe:
@@ -26,9 +26,9 @@ def _joint_errors(placed: KeyframesInBase) -> tuple[Array, Array]:
     """
     path, keyframes, update = placed.path, placed.keyframes, placed.start_update
     k = len(keyframes)
-    cov, by_calibration = np.zeros((k + 2, 6, k + 2, 6)), np.zeros((k + 2, 6, 9))
+    cov, by_calibration = np.zeros((k + 3, 6, k + 3, 6)), np.zeros((k + 3, 6, 10))
     cov[range(k), :, range(k)] = [keyframe.cov for keyframe in keyframes]
-    by_calibration[k, :, :6], by_calibration[k + 1, :3, 6:] = np.eye(6), np.eye(3)
+    by_calibration[k, :, :6], by_calibration[k + 1, :3, 6:9], by_calibration[k + 2, 0, 9] = np.eye(6), np.eye(3), 1.0
     if path is not None:
         stops = {
             i: stop
@@ -41,13 +41,13 @@ def _joint_errors(placed: KeyframesInBase) -> tuple[Array, Array]:
         rest = own - share**2 * of_stop
         covariance = path.covariance
         if update is not None:
-            rows, at = [*rows, k, k + 1], [*at, len(path.stops), len(path.stops) + 1]
-            share, rest = np.vstack((share, np.ones((2, 6)))), np.vstack((rest, np.zeros((2, 6))))
+            rows, at = [*rows, k, k + 1, k + 2], [*at, *range(len(path.stops), len(path.stops) + 3)]
+            share, rest = np.vstack((share, np.ones((3, 6)))), np.vstack((rest, np.zeros((3, 6))))
             covariance = update.covariance
             by_calibration[rows] = share[:, :, None] * update.by_calibration[at]
         joint = np.outer(share, share) * covariance.joint(at) + np.diag(rest.ravel())
         cov[np.ix_(rows, range(6), rows, range(6))] = joint.reshape(len(at), 6, len(at), 6)
-    return cov.reshape(6 * k + 12, -1), by_calibration.reshape(-1, 9)
+    return cov.reshape(6 * k + 18, -1), by_calibration.reshape(-1, 10)
 
 
 def tool_covariances(placed: KeyframesInBase) -> dict[str, Array]:
@@ -76,28 +76,30 @@ def joint_tool_covariances(placed: KeyframesInBase, of_sensor: bool = False) -> 
     far as known places made errors of start and path of them.
 
     Errors of dock and mount are the same at all keyframes. Known places, whose own errors are a part of
-    "tracking", correlate dock, mount and tracking; each part is what remains of that source's errors. The scale's is a
-    part of "start", without its correlation with nav's pose, which the file does not keep.
+    "tracking", correlate dock, mount, scale and tracking; each part is what remains of that source's errors. The
+    scale's is a part of "start", without its correlation with nav's pose, which the file does not keep.
     """
     J, calibration = _jacobians(placed), placed.calibration
     if of_sensor:
         J["mount"] = np.zeros_like(J["mount"])
     cov_mount = np.zeros((6, 6)) if calibration.cov_sensor_tool is None else calibration.cov_sensor_tool
 
+    shown = np.array([keyframe.T_nav_sensor.p for keyframe in placed.keyframes]) * placed.scale * calibration.scale
+    by_scale = np.pad(quat_rotate(placed.T_base_nav.wxyz, shown), ((0, 0), (0, 3)))[:, :, None]
+
     def of_tool(errors: Array) -> Array:
-        """Map errors (6k + 12, c) of keyframes, start and mount to those of the tool's poses, (6k, c)."""
-        poses = errors[:-12].reshape(len(placed.keyframes), 6, -1)
+        """Map errors (6k + 18, c) of keyframes, start, mount and scale to those of the tool's poses, (6k, c)."""
+        poses = errors[:-18].reshape(len(placed.keyframes), 6, -1)
         with_first = np.concatenate((np.broadcast_to(poses[:1], poses.shape), poses), axis=1)
-        in_base = J["tracking"] @ with_first + J["start"] @ errors[-12:-6] + J["mount"] @ errors[-6:]
+        start, mount, scale = errors[-18:-12], errors[-12:-6], errors[-6:-5]
+        in_base = J["tracking"] @ with_first + J["start"] @ start + J["mount"] @ mount + by_scale @ scale
         return np.asarray(in_base.reshape(-1, errors.shape[1]))
 
     cov, by_calibration = _joint_errors(placed)
-    start, tip = np.split(of_tool(by_calibration), [6], axis=1)
+    start, tip, scale = np.split(of_tool(by_calibration), [6, 9], axis=1)
     mount = np.hstack((tip, J["mount"].reshape(-1, 6)[:, 3:]))
-    shown = np.array([keyframe.T_nav_sensor.p for keyframe in placed.keyframes]) * placed.scale * calibration.scale
-    by_scale = np.hstack((quat_rotate(placed.T_base_nav.wxyz, shown), np.zeros_like(shown))).ravel()
     of_start, of_mount = start @ calibration.cov_start @ start.T, mount @ cov_mount @ mount.T
-    of_start += calibration.scale_sigma**2 * np.outer(by_scale, by_scale)
+    of_start += calibration.scale_sigma**2 * scale @ scale.T
     return {"start": of_start, "mount": of_mount, "tracking": of_tool(of_tool(cov).T)}
 
 

@@ -99,31 +99,32 @@ class ClaimFit:
 
 @dataclass(frozen=True, eq=False)
 class StartUpdate(Frozen):
-    """What known places say of the start in base and of the tool on the sensor, besides the poses at the k stops.
+    """What known places say of a calibration: its start in base, mount and scale, besides the poses at the k stops.
 
     Attributes:
-        start: the calibration's dock or nav, which they correct.
-        T_sensor_tool: the calibration's mount, which they correct.
-        steps: (2, 6) m and rad, the corrections: position, rotation vector; of the start in base, and of the tool in
-            sensor axes, whose rotation they don't show.
-        by_calibration: (k + 2, 6, 9), the errors that remain at the stops and, last, in the start and in the tool's
-            pose, per error of the calibration: of the start (m, rad) and of the tool's position on the sensor (m).
-        covariance: of the same k + 2 errors, without those of the calibration.
+        start, T_sensor_tool, scale: the calibration's dock or nav, mount and scale, which they correct.
+        steps: (3, 6) m and rad, the corrections: position, rotation vector; of the start in base, and of the tool in
+            sensor axes, whose rotation they don't show. Of the third only the first counts, as a share of the scale.
+        by_calibration: (k + 3, 6, 10), the errors that remain at the stops and, last, in these three, per error of the
+            calibration: of the start (m, rad), of the tool's position on the sensor (m), of the scale (a share).
+        covariance: of the same k + 3 errors, without those of the calibration.
     """
 
     start: Pose
     T_sensor_tool: Pose
+    scale: float
     steps: Array
     by_calibration: Array
     covariance: PoseCovariance
 
     def __post_init__(self) -> None:
-        freeze_arrays(self, steps=(2, 6), by_calibration=(self.covariance.count, 6, 9))
+        freeze_arrays(self, steps=(3, 6), by_calibration=(self.covariance.count, 6, 10))
 
     def is_of(self, calibration: Calibration) -> bool:
         """Whether it is this calibration that they correct."""
         pairs = ((self.start, calibration.start), (self.T_sensor_tool, calibration.T_sensor_tool))
-        return all(b and np.array_equal(a.p, b.p) and np.array_equal(a.wxyz, b.wxyz) for a, b in pairs)
+        same = (b and np.array_equal(a.p, b.p) and np.array_equal(a.wxyz, b.wxyz) for a, b in pairs)
+        return self.scale == calibration.scale and all(same)
 
     def corrected(self, T_base_nav: Pose) -> Pose:
         """Return nav's pose in base after the correction."""
@@ -133,3 +134,8 @@ class StartUpdate(Frozen):
     def corrected_tool(self) -> Pose:
         """T_sensor_tool after the correction."""
         return Pose(self.T_sensor_tool.p + self.steps[1, :3], self.T_sensor_tool.wxyz)
+
+    @property
+    def corrected_scale(self) -> float:
+        """The scale after the correction."""
+        return float(self.scale * (1.0 + self.steps[2, 0]))

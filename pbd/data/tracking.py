@@ -139,7 +139,7 @@ class HandPath(Frozen):
         closure: (len(stops) - 1, 3) velocity at each move's end before its correction to zero, m/s: the raw drift.
         covariance: joint covariance of the poses at all stops, relative to the first stop's position and heading.
         claims: the claims about stops that were used.
-        start: what they say of the calibration's start and mount; None: nothing.
+        start: what they say of the calibration; None: nothing.
         tracking: what the path was tracked from; None for a path that was not tracked.
         sensor: the sensor's errors as estimated; None if they were not.
         fusion: how several takes were combined; None for a single take.

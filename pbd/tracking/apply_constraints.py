@@ -22,6 +22,9 @@ from pbd.tracking.noise import OUTLIER_SIGMAS
 from pbd.tracking.smoother.path import between_stops
 from pbd.tracking.stop_constraints import MOUNT_ERRORS, START_ERRORS, Claim, claims_of
 
+SCALE_ERROR = slice(9, 10)
+"""Column of `_by_calibration`, after those of `Claim.by_calibration`."""
+
 
 def apply_constraints(
     path: HandPath, known: Known, calibration: Calibration | None = None, T_base_nav: Pose | None = None
@@ -38,7 +41,7 @@ def apply_constraints(
 
     Returns:
         The path with new poses, velocities (the derivative of position, zero in stops) and covariance, the fit of each
-        claim, and what the claims say of start and mount. The velocity misclosures are unchanged.
+        claim, and what the claims say of the calibration. The velocity misclosures are unchanged.
 
     Raises:
         TrackingError: a claim contradicts the data, or names no stop.
@@ -67,32 +70,33 @@ def _start_update(
     calibration: Calibration,
     update: tuple[Array, Array, Array, Array, Array],
 ) -> StartUpdate | None:
-    """The part of start and mount in the update of the poses (gain, G, R, misfit, S), as if they were two more poses;
-    None if the claims say nothing of them.
+    """The part of start, mount and scale in the update of the poses (gain, G, R, misfit, S), as if they were three more
+    poses; None if the claims say nothing of them.
 
     Their errors have no part in the prior covariance of the poses: their share of R is `by_calibration`.
     """
-    (gain, G, R, misfit, S), by_calibration = update, np.vstack([claim.by_calibration for claim in claims])
+    (gain, G, R, misfit, S), by_calibration = update, _by_calibration(claims)
     errors = _calibration_errors(calibration)
     by_claim = -errors @ by_calibration.T @ np.linalg.inv(S)
     if calibration.start is None or not by_claim.any():
         return None
-    more, themselves = np.zeros((2, 6, len(S))), np.zeros((2, 6, 9))
-    for i, part in enumerate((START_ERRORS, MOUNT_ERRORS)):
+    more, themselves = np.zeros((3, 6, len(S))), np.zeros((3, 6, 10))
+    for i, part in enumerate((START_ERRORS, MOUNT_ERRORS, SCALE_ERROR)):
         more[i, : part.stop - part.start] = by_claim[part]
-        themselves[i, : part.stop - part.start] = np.eye(9)[part]
-    gain, G = np.concatenate((gain, more)), np.concatenate((G, np.zeros((2, *G.shape[1:]))))
+        themselves[i, : part.stop - part.start] = np.eye(10)[part]
+    gain, G = np.concatenate((gain, more)), np.concatenate((G, np.zeros((3, *G.shape[1:]))))
     remaining = gain @ by_calibration
-    remaining[-2:] += themselves
-    poses = PoseCovariance(prior.count + 2, partial(_with_two_exact, prior))
+    remaining[-3:] += themselves
+    poses = PoseCovariance(prior.count + 3, partial(_with_three_exact, prior))
     own = R - by_calibration @ errors @ by_calibration.T
     covariance = PoseCovariance(poses.count, partial(_joseph_times, poses, gain, G, own))
-    return StartUpdate(calibration.start, calibration.T_sensor_tool, more @ misfit, remaining, covariance)
+    corrected = calibration.start, calibration.T_sensor_tool, calibration.scale
+    return StartUpdate(*corrected, more @ misfit, remaining, covariance)
 
 
-def _with_two_exact(prior: PoseCovariance, columns: Array) -> Array:
-    """The covariance of poses, and of two more without errors, times columns (k + 2, 6, c)."""
-    return np.concatenate((prior.multiply(columns[:-2]), np.zeros_like(columns[-2:])))
+def _with_three_exact(prior: PoseCovariance, columns: Array) -> Array:
+    """The covariance of poses, and of three more without errors, times columns (k + 3, 6, c)."""
+    return np.concatenate((prior.multiply(columns[:-3]), np.zeros_like(columns[-3:])))
 
 
 def _joseph_times(prior: PoseCovariance, gain: Array, G: Array, R: Array, columns: Array) -> Array:
@@ -122,14 +126,21 @@ def measurement_of(
             if relative.group == claim.group:
                 R[row, column] += claim.shared_variance * np.eye(len(claim.value))
     if calibration is not None:
-        by_calibration = np.vstack([claim.by_calibration for claim in claims])
+        by_calibration = _by_calibration(claims)
         R += by_calibration @ _calibration_errors(calibration) @ by_calibration.T
     return G, R, misfit
 
 
+def _by_calibration(claims: Sequence[Claim]) -> Array:
+    """The derivatives (m, 10) of the misfits: `Claim.by_calibration`, then by the scale's error, a share of it."""
+    by_scale = [claim.axes @ (claim.levers[0] - claim.levers[1]) - claim.value for claim in claims]
+    return np.column_stack((np.vstack([claim.by_calibration for claim in claims]), np.concatenate(by_scale)))
+
+
 def _calibration_errors(calibration: Calibration) -> Array:
-    """The covariance (9, 9) of the calibration's errors, in the columns of `Claim.by_calibration`."""
-    errors = np.zeros((9, 9))
+    """The covariance (10, 10) of the calibration's errors, in the columns of `_by_calibration`."""
+    errors = np.zeros((10, 10))
+    errors[SCALE_ERROR, SCALE_ERROR] = calibration.scale_sigma**2
     errors[START_ERRORS, START_ERRORS] = calibration.cov_start
     if calibration.cov_sensor_tool is not None:
         errors[MOUNT_ERRORS, MOUNT_ERRORS] = calibration.cov_sensor_tool[:3, :3]

@@ -68,8 +68,8 @@ def test_each_part_agrees_with_finite_differences(part: str, orientation: str) -
     J, here = np.column_stack(columns), placed(np.zeros(12))
     tracked = cov if part == "tracking" else np.zeros((12, 12))
     atol = 1e-9 * np.trace(cov)
-    calibrations = np.vstack((np.zeros((12, 9)), np.eye(6, 9), np.eye(6, 9, 6)))
-    errors = block_diag(tracked, np.zeros((12, 12))), calibrations
+    calibrations = np.vstack((np.zeros((12, 10)), np.eye(6, 10), np.eye(3, 10, 6), np.zeros((3, 10)), np.eye(6, 10, 9)))
+    errors = block_diag(tracked, np.zeros((18, 18))), calibrations
     with patch("pbd.calibration.uncertainty._joint_errors", return_value=errors):
         assert_allclose(sum(joint_tool_covariances(here).values()), J @ cov @ J.T, rtol=0.0, atol=atol)
     if part == "tracking":
@@ -99,9 +99,11 @@ def test_a_keyframe_is_as_certain_as_its_person_says() -> None:
     assert np.linalg.eigvalsh(joint).min() > 0.0
 
 
-@pytest.mark.parametrize("mount_sigma", [0.0, 0.005])
-def test_a_place_in_base_corrects_dock_and_mount_as_one_estimate_of_all_does(mount_sigma: float) -> None:
-    """The tool at a place known to 1 mm is there to 1 mm, whatever the sigmas of dock and mount are."""
+@pytest.mark.parametrize(("mount_sigma", "scale_sigma"), [(0.0, 0.0), (0.005, 0.0), (0.005, 0.03)])
+def test_a_place_in_base_corrects_the_calibration_as_one_estimate_of_all_does(
+    mount_sigma: float, scale_sigma: float
+) -> None:
+    """The tool at a place known to 1 mm is there to 1 mm, whatever the sigmas of dock, mount and scale are."""
     demo, sigma = load_demo("pouring"), 0.001
     alone = track(demo)
     dock = Calibration(
@@ -109,6 +111,7 @@ def test_a_place_in_base_corrects_dock_and_mount_as_one_estimate_of_all_does(mou
         T_base_dock=Pose.from_rpy((0.4, -0.1, 0.2), (0.0, 0.0, 0.7)),
         T_sensor_tool=T_SENSOR_TOOL,
         cov_sensor_tool=np.diag([*[mount_sigma**2] * 3, 0.0, 0.0, 0.0]),
+        residuals={"dock.scale_sigma": scale_sigma},
     )
     without = place_in_base(keyframes_of(alone), dock, path=alone)
     before, cov = np.array([pose.p for pose in tool_poses(without)]), total_covariance(without)
