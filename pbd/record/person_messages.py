@@ -20,7 +20,7 @@ class Feedback:
     """Feeds the live tracker and collects messages for the person."""
 
     def __init__(self, tolerance_m: float, errors: SensorErrors | None = None, sensor: str = "") -> None:
-        self.tracker = LiveTracker(sensor)
+        self.tracker = LiveTracker(sensor, errors)
         self._announced = 0
         self._left_s = 0.0  # when the hand left its last stop
         self._moves: dict[int, tuple[float, float]] = {}

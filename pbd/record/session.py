@@ -163,7 +163,7 @@ class Session:
             return
         channels = self._new_recording().channels
         options = self.options
-        self.feedback.tracker = LiveTracker(options.sensor, straightened=not self._clock.is_device)
+        self.feedback.tracker = LiveTracker(options.sensor, options.errors, straightened=not self._clock.is_device)
         info = RecordingInfo(sensor=options.sensor, created=options.created, clock=self._clock_name)
         if options.force:
             self.backup = set_aside(options.folder)

@@ -5,12 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pbd.data import Keyframe
+from pbd.data import Keyframe, LinearErrors, SensorErrors
 from pbd.pose import Pose
 from pbd.record.person_messages import Feedback, describe_stop, in_cm
 from pbd.record.session_types import Message
 from pbd.sensors.decoding import Sample
+from pbd.simulation.hand_motion import Waypoint
+from pbd.simulation.simulate import simulate
+from pbd.simulation.tasks import Task
 from pbd.tracking.online.tracker import DataFlaw, LiveEvent, StopBegan, StopEnded
+from tests.not_none import not_none
 
 LEVEL = Sample((0.0, 0.0, 9.8), (0.0, 0.0, 0.0))
 
@@ -165,3 +169,17 @@ def test_a_grip_counts_in_the_moves_to_the_stops_that_there_are(
     assert feedback.stops == (1 if after.continues else 2)
     said(scripted, 5.0, after)
     assert feedback.stops == (1 if after.continues else 2)
+
+
+def test_a_calibrated_sensor_may_move_for_longer() -> None:
+    """Its errors are those that the calibration leaves, as in `pbd.track`: not those of its class."""
+    task = Task("slow", (Waypoint(rest_s=2.0), Waypoint((0.3, 0.0, 0.0), move_s=4.5, rest_s=1.0)))
+    recording = simulate(task, "modern").recording
+    known = LinearErrors(np.zeros(3), np.eye(3), np.full(3, 0.01), 1e-3)
+    asked = []
+    for errors in (None, SensorErrors("wt901", known, known)):
+        feedback = Feedback(0.01, errors, "wt901")
+        for t, acc, gyr in zip(recording.t.tolist(), recording.acc, not_none(recording.gyr), strict=True):
+            feedback.feed(t, Sample(acc=tuple(acc), gyr=tuple(gyr)))
+        asked.append([each.text.partition(":")[0] for each in feedback.take_messages()].count("pause now"))
+    assert asked == [1, 0]

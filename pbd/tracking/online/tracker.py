@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pbd.data import Keyframe, Recording, RecordingInfo, Stop
+from pbd.data import Keyframe, Recording, RecordingInfo, SensorErrors, Stop
 from pbd.errors import PbdError, TrackingError, WrongTypeError
 from pbd.frozen_arrays import numeric, readonly
 from pbd.pose import Array
@@ -49,14 +49,15 @@ class LiveTracker:
     is off by tens of centimetres, several times its sigma. A large lag of the gyro is estimated once a stop shows it.
     """
 
-    def __init__(self, sensor: str = "", *, straightened: bool = False) -> None:
+    def __init__(self, sensor: str = "", errors: SensorErrors | None = None, *, straightened: bool = False) -> None:
         """Begin.
 
         Args:
             sensor: its name, as in `Recording.info`; it selects the error model.
+            errors: the calibration's, already corrected in the rows: the model is what they leave.
             straightened: the times are arrival times that were straightened as they came. They are taken as they are.
         """
-        self._sensor = sensor
+        self._sensor, self._errors = sensor, errors
         self._repair = SampleRepair(straightened=straightened)
         self._has_gyro: bool | None = None
         self._recent: deque[RepairedSample] = deque()
@@ -176,7 +177,7 @@ class LiveTracker:
         """Noise by a rest in a recording; the readings' steps are the smallest so far, the latest included."""
         gyr, acc = (min(pair) for pair in zip(self._steps, steps_of(latest), strict=True))
         self._steps = gyr, acc
-        return noise_of(recording, rest, steps=self._steps)
+        return noise_of(recording, rest, self._errors, self._steps)
 
     def _recording_of(self, samples: list[RepairedSample]) -> Recording:
         return Recording(
