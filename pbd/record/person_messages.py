@@ -5,7 +5,7 @@ from collections import deque
 import numpy as np
 
 from pbd.calibration.sensor_changed import disagreements
-from pbd.data import Keyframe, LinearErrors, SensorErrors
+from pbd.data import Keyframe, SensorErrors
 from pbd.data.tracking import UNSURE_SIGMA_M
 from pbd.errors import PbdError
 from pbd.pose import Array
@@ -54,17 +54,13 @@ class Feedback:
 
         def mean(name: str) -> Array | None:
             values = [value for _, each in block if (value := getattr(each, name)) is not None]
-            if not values:
-                return None
-            linear: LinearErrors | None = getattr(self._errors, name, None)
-            read = np.mean(values, axis=0)
-            return read if linear is None else linear.correct(read)
+            return np.mean(values, axis=0) if values else None
 
         at, acc = float(np.mean([at for at, _ in block])), mean("acc")
         assert acc is not None
         mag = mean("mag")
         if mag is not None and self._errors is not None:  # kept to compare the first rest with the calibration
-            self._field.append((at, mag))
+            self._field.append((at, mag if self._errors.mag is None else self._errors.mag.correct(mag)))
             while self._field[0][0] < at - 1.0:
                 self._field.popleft()
         try:

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pbd.data import Keyframe, LinearErrors, SensorErrors
+from pbd.data import Keyframe, LinearErrors, Recording, SensorErrors
 from pbd.pose import Pose
 from pbd.record.person_messages import Feedback, describe_stop, in_cm
 from pbd.record.session_types import Message
@@ -171,15 +171,29 @@ def test_a_grip_counts_in_the_moves_to_the_stops_that_there_are(
     assert feedback.stops == (1 if after.continues else 2)
 
 
+def heard(recording: Recording, errors: SensorErrors | None) -> tuple[Feedback, list[str]]:
+    """What is told of a recording, without its figures."""
+    feedback = Feedback(0.01, errors, "wt901")
+    for t, acc, gyr in zip(recording.t.tolist(), recording.acc, not_none(recording.gyr), strict=True):
+        feedback.feed(t, Sample(acc=tuple(acc), gyr=tuple(gyr)))
+    return feedback, [message.text.partition(":")[0] for message in feedback.take_messages()]
+
+
 def test_a_calibrated_sensor_may_move_for_longer() -> None:
     """Its errors are those that the calibration leaves, as in `pbd.track`: not those of its class."""
     task = Task("slow", (Waypoint(rest_s=2.0), Waypoint((0.3, 0.0, 0.0), move_s=4.5, rest_s=1.0)))
     recording = simulate(task, "modern").recording
     known = LinearErrors(np.zeros(3), np.eye(3), np.full(3, 0.01), 1e-3)
-    asked = []
-    for errors in (None, SensorErrors("wt901", known, known)):
-        feedback = Feedback(0.01, errors, "wt901")
-        for t, acc, gyr in zip(recording.t.tolist(), recording.acc, not_none(recording.gyr), strict=True):
-            feedback.feed(t, Sample(acc=tuple(acc), gyr=tuple(gyr)))
-        asked.append([each.text.partition(":")[0] for each in feedback.take_messages()].count("pause now"))
-    assert asked == [1, 0]
+    told = [heard(recording, errors)[1] for errors in (None, SensorErrors("wt901", known, known))]
+    assert [lines.count("pause now") for lines in told] == [1, 0]
+
+
+def test_readings_show_clipping_and_steps_whatever_a_calibration_makes_of_them() -> None:
+    """A matrix mixes the axes: corrected values neither repeat a largest one, nor have a step."""
+    recording = simulate("pick-and-place-stops", "wt901").recording
+    clipped = replace(recording, gyr=np.clip(not_none(recording.gyr), -10.0, 10.0))
+    mixes = LinearErrors(np.zeros(3), np.eye(3) + 0.01, np.full(3, 0.01), 1e-3)
+    plain, calibrated = (heard(clipped, errors) for errors in (None, SensorErrors("wt901", mixes, mixes)))
+    assert "the gyro was at the end of its range; move slower, or set a larger range" in plain[1]
+    assert "the gyro was at the end of its range; move slower, or set a larger range" in calibrated[1]
+    assert calibrated[0].tracker._steps == plain[0].tracker._steps

@@ -1,11 +1,14 @@
 """Make regular samples of the rows that a port delivers: leave out bad rows, fill gaps."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass, replace
 from itertools import zip_longest
 from typing import NamedTuple
 
 import numpy as np
 
+from pbd.data import SensorErrors
 from pbd.pose import Array
 from pbd.timestamps.even_times import even_times
 from pbd.timestamps.stamper import Stamper
@@ -38,6 +41,7 @@ class RepairedSample:
         device_rpy: (3,) rad, or None.
         unseen: it fills a gap that is too long to be interpolated.
         gap_noise: rad2/s and m2/s3, noise densities that stand for the unknown motion in a gap.
+        read: `gyr` and `acc` as they were read, if a calibration has corrected them since.
     """
 
     row: int
@@ -48,6 +52,25 @@ class RepairedSample:
     device_rpy: Array | None = None
     unseen: bool = False
     gap_noise: tuple[float, float] = (0.0, 0.0)
+    read: tuple[Array, Array] | None = None
+
+    @property
+    def readings(self) -> tuple[Array, Array]:
+        """`gyr` and `acc` as they were read: clipping and rounding show there."""
+        return self.read or (self.gyr, self.acc)
+
+    def corrected(self, errors: SensorErrors | None) -> RepairedSample:
+        """The sample without the sensor's errors."""
+        if errors is None:
+            return self
+        gyr, acc, mag = errors.gyr, errors.acc, errors.mag
+        return replace(
+            self,
+            gyr=self.gyr if gyr is None else gyr.correct(self.gyr),
+            acc=self.acc if acc is None else acc.correct(self.acc),
+            mag=self.mag if mag is None or self.mag is None else mag.correct(self.mag),
+            read=self.readings,
+        )
 
 
 class _Row(NamedTuple):

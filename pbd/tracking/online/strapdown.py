@@ -105,7 +105,7 @@ class Strapdown:
         self._before = self.rate
         self.u: Array = self.C @ first.acc
         self._u_before = self.u
-        self._latest: tuple[Floats, Floats] = first.gyr.tolist(), first.acc.tolist()
+        self._latest: tuple[Floats, ...] = tuple(each.tolist() for each in first.readings)
         self._gyr_range, self._acc_range = map(EndOfRange, self._latest, (LEAST_RANGE["gyr"], LEAST_RANGE["acc"]))
         self.clipped = ""
         # Rows of u and rate that `densities` needs before and after each row. So noise is added this many rows late.
@@ -150,7 +150,7 @@ class Strapdown:
         self._recent.append((self.u, rate))
 
     def _detect_clipping(self, sample: RepairedSample, dt: float) -> None:
-        gyr, acc = latest = sample.gyr.tolist(), sample.acc.tolist()
+        gyr, acc = latest = tuple(each.tolist() for each in sample.readings)
         if latest == self._latest:  # a sample that was read twice
             return
         self._latest = latest

@@ -1,6 +1,7 @@
 """Track a hand one sample at a time: attitude, still or moving, stops and keyframes."""
 
 from collections import deque
+from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
@@ -54,7 +55,7 @@ class LiveTracker:
 
         Args:
             sensor: its name, as in `Recording.info`; it selects the error model.
-            errors: the calibration's, already corrected in the rows: the model is what they leave.
+            errors: a calibration's. They are corrected; the error model is what they leave.
             straightened: the times are arrival times that were straightened as they came. They are taken as they are.
         """
         self._sensor, self._errors = sensor, errors
@@ -115,7 +116,7 @@ class LiveTracker:
         turn = np.full(3, np.nan) if gyr is None else gyr
         samples, wrong = self._repair.take(t, acc, turn if self._has_gyro else None, mag, device_rpy)
         events: list[LiveEvent] = [DataFlaw(t if before is None else before.t, each) for each in wrong]
-        for sample in samples:
+        for sample in (each.corrected(self._errors) for each in samples):
             if self._hand is not None:
                 events += (news := self._hand.advance(sample))
                 if any(isinstance(event, StopEnded) for event in news):
@@ -151,7 +152,7 @@ class LiveTracker:
         except PbdError as error:
             self._waiting = _rest_advice(error)
             return []
-        still, noise = (recording, rest), self._noise_of(recording, rest, recording)
+        still, noise = (recording, rest), self._noise_of(recording, rest, samples)
         rest = replace(rest, start=samples[0].row, stop=samples[-1].row + 1)
         if hand is None:
             interval = float(np.median(np.diff(recording.t)))
@@ -171,11 +172,12 @@ class LiveTracker:
     def _learn_steps(self, hand: LiveHand) -> None:
         """A coarse sensor's readings may all be the same at rest. Once the hand has set out, they show their step."""
         assert self._still is not None
-        hand.use_rest(hand.rest, self._noise_of(*self._still, self._recording_of(list(self._recent))))
+        hand.use_rest(hand.rest, self._noise_of(*self._still, self._recent))
 
-    def _noise_of(self, recording: Recording, rest: Rest, latest: Recording) -> Noise:
+    def _noise_of(self, recording: Recording, rest: Rest, latest: Iterable[RepairedSample]) -> Noise:
         """Noise by a rest in a recording; the readings' steps are the smallest so far, the latest included."""
-        gyr, acc = (min(pair) for pair in zip(self._steps, steps_of(latest), strict=True))
+        read = [replace(each, gyr=each.readings[0], acc=each.readings[1]) for each in latest]
+        gyr, acc = (min(pair) for pair in zip(self._steps, steps_of(self._recording_of(read)), strict=True))
         self._steps = gyr, acc
         return noise_of(recording, rest, self._errors, self._steps)
 
