@@ -16,6 +16,7 @@ from pbd.tracking.repair.repair_recording import repair_recording
 from pbd.tracking.repair.saturation import declip, find_clips
 from pbd.tracking.residual_tests import alarms
 from pbd.tracking.smoother.preintegration import LostMotion
+from pbd.tracking.white_noise import steps_of
 
 OPEN_END_S = 0.2
 """Longest motion, s, before the first stop or after the last one, without a warning."""
@@ -36,6 +37,7 @@ def track_recording(
     if method == "default":
         recording, lost = declip(recording, clips)
     errors = None if calibration is None else calibration.sensor
+    steps = steps_of(recording)  # a matrix would mix them
     recording = corrected(recording, errors)  # after `declip`: clipping is at the range of the raw values
     rest = find_rest(recording)
     if calibration is None:  # planning compares the tilt with the calibration's dock
@@ -43,7 +45,7 @@ def track_recording(
     if method == "paper":
         found = track_as_paper(recording, rest)
     else:
-        noise, unseen = noise_of(recording, rest, errors), [(gap.before, gap.after) for gap in gaps]
+        noise, unseen = noise_of(recording, rest, errors, steps), [(gap.before, gap.after) for gap in gaps]
         found = estimate(recording, rest, noise, lost, unseen)
         still = [(gap.before, gap.after) for gap in gaps if accept_gap and is_in_rest(recording, gap, found.stops)]
         if still:  # before, the motion in them was unknown

@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pbd.data import GRAVITY
+from pbd.data import GRAVITY, Calibration, LinearErrors, SensorErrors
+from pbd.data.units import MG
 from pbd.errors import PbdWarning, RecordingError, TrackingError
 from pbd.pipeline import track
 from pbd.simulation.hand_motion import Waypoint
@@ -171,3 +172,15 @@ def test_a_slow_smooth_hand_stops_where_it_stops(sensor: str) -> None:
     _, errors = keyframes_and_errors(simulate(replace(TASKS["pour"], waypoints=waypoints), sensor, 0))
     assert len(errors) == len(waypoints)
     assert errors.max() < 0.07
+
+
+def test_a_coarse_sensor_is_as_unsure_whether_or_not_its_calibration_mixes_the_axes() -> None:
+    """The readings show how coarse it is: corrected values have no step, and seemed free of rounding errors."""
+    recording, step = simulate("pour").recording, 16.0 * MG
+    coarse = replace(recording, acc=step * np.round(recording.acc / step))
+    sigmas = []
+    for mixed in (0.0, 1e-3):
+        acc = LinearErrors(np.zeros(3), np.eye(3) + mixed, np.full(3, 0.02), 1e-3)
+        path = track(coarse, calibration=Calibration("bench", sensor=SensorErrors(recording.info.sensor, acc=acc)))
+        sigmas.append(np.sqrt(np.diagonal(path.cov[5])[:3]))
+    np.testing.assert_allclose(sigmas[1], sigmas[0], rtol=0.02)
