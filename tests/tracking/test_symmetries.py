@@ -155,8 +155,8 @@ def test_a_recording_played_backwards_shows_the_moves_backwards(monkeypatch: pyt
     )
     path = track(recording)
 
-    def ahead(recording: Recording, rest: Rest, errors: SensorErrors | None = None) -> Noise:
-        noise = noise_of(recording, rest, errors)
+    def ahead(recording: Recording, rest: Rest, errors: SensorErrors | None, steps: tuple[float, float]) -> Noise:
+        noise = noise_of(recording, rest, errors, steps)
         return replace(noise, lag=-noise.lag)  # what lagged runs ahead
 
     monkeypatch.setattr("pbd.track_recording.noise_of", ahead)
