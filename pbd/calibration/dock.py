@@ -154,8 +154,14 @@ def place_in_base(
             "fixed", the tool points up at the first keyframe.
     """
     warn_of_doubts(calibration, "dock", "nav", "mount")
+    update = None
     if path is not None:
         calibration = with_heading_sigma(path, calibration)
+        update = path.calibration_update
+    if update is not None and (corrected := update.applied_to(calibration)) is not None:
+        calibration = corrected
+    else:
+        update = None
     T_base_nav = nav_in_base(calibration, keyframes[0].T_nav_sensor.wxyz)
     if orientation == "fixed":
         wxyz = (T_base_nav @ keyframes[0].T_nav_sensor @ calibration.T_sensor_tool).wxyz
@@ -166,10 +172,6 @@ def place_in_base(
                 f"of '{calibration.name}', or use --orientation demo",
                 value=up,
             )
-    update = None if path is None or path.start is None or not path.start.is_of(calibration) else path.start
-    if update is not None:
-        T_base_nav = update.corrected(T_base_nav)
-        calibration = replace(calibration, T_sensor_tool=update.corrected_tool, scale=update.corrected_scale)
     return KeyframesInBase(keyframes, T_base_nav, calibration, scale, path, orientation, update)
 
 

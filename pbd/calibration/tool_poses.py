@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 from pbd.data import Calibration, HandPath, Keyframe, Robot
 from pbd.data.calibration import TOOL_DOWN
-from pbd.data.constraints import StartUpdate
+from pbd.data.constraints import CalibrationUpdate
 from pbd.pose import Array, Pose, quat_about_z, quat_multiply, quat_rotate, yaw_toward
 
 
@@ -20,7 +20,7 @@ class KeyframesInBase:
         scale: multiplies p_nav_sensor and nothing else.
         orientation: "demo", or "fixed": the tool keeps the heading of keyframe 0, with its z straight down.
         path: their path, with joint covariance and touch-ups; None: the keyframes' errors are independent.
-        start_update: by which T_base_nav and the calibration's mount and scale are corrected; None: they are not.
+        update: by which the calibration is corrected; None: it is not.
     """
 
     keyframes: Sequence[Keyframe]
@@ -29,7 +29,7 @@ class KeyframesInBase:
     scale: float = 1.0
     path: HandPath | None = None
     orientation: str = "demo"
-    start_update: StartUpdate | None = None
+    update: CalibrationUpdate | None = None
 
 
 def with_table(calibration: Calibration, robot: Robot) -> Calibration:

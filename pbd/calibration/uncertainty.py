@@ -17,14 +17,14 @@ SOURCES = {"start": "where the hand starts", "mount": "the mount", "tracking": "
 def _joint_errors(placed: KeyframesInBase) -> tuple[Array, Array]:
     """Return the covariance (6k + 18, 6k + 18) of the errors of k keyframes in nav, of the start in base, of the
     tool on the sensor and of the scale, without those of the calibration; and their derivatives (6k + 18, 10) by the
-    calibration's errors (`StartUpdate`).
+    calibration's errors (`CalibrationUpdate`).
 
     A keyframe in a stop of the path has the stop's error e, which it has in common with the path's others. If a person
     gave it a larger sigma, an independent error adds to e. If the sigma is smaller, the person measured the keyframe:
     as after a Kalman filter's update, its error is a share of e, and an independent one. The error of a keyframe that
     a person inserted is independent; a keyframe without a covariance is exact.
     """
-    path, keyframes, update = placed.path, placed.keyframes, placed.start_update
+    path, keyframes, update = placed.path, placed.keyframes, placed.update
     k = len(keyframes)
     cov, by_calibration = np.zeros((k + 3, 6, k + 3, 6)), np.zeros((k + 3, 6, 10))
     cov[range(k), :, range(k)] = [keyframe.cov for keyframe in keyframes]
@@ -57,7 +57,7 @@ def tool_covariances(placed: KeyframesInBase) -> dict[str, Array]:
     sensor in nav, l the tool in sensor axes: the uncertainty of each of them, propagated to first order. With a fixed
     orientation R_k is that of keyframe 0. A mount that was never calibrated counts as exact.
     """
-    if placed.orientation == "demo" and placed.start_update is None:
+    if placed.orientation == "demo" and placed.update is None:
         # Errors in common don't matter: each keyframe's own, as keyframes.toml has it.
         placed = replace(placed, path=None)
     return {part: diagonal_blocks(cov) for part, cov in joint_tool_covariances(placed).items()}

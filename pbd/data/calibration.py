@@ -131,12 +131,7 @@ class Calibration(Frozen):
     @property
     def knows_start(self) -> bool:
         """Whether it says where the hand starts in the robot's base."""
-        return self.start is not None
-
-    @property
-    def start(self) -> Pose | None:
-        """The dock's or nav's pose in base."""
-        return self.T_base_nav if self.T_base_dock is None else self.T_base_dock
+        return self.T_base_dock is not None or self.T_base_nav is not None
 
     @property
     def nav_points_north(self) -> bool | None:

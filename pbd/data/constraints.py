@@ -1,6 +1,6 @@
 """What a person knows about the stops, and how well the data agree."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -9,7 +9,7 @@ from pbd.data.covariance import PoseCovariance
 from pbd.data.field_checks import freeze_tuples, require_finite
 from pbd.errors import UsageError, require_kind
 from pbd.frozen_arrays import Frozen, freeze_arrays
-from pbd.pose import Array, Pose, quat_exp, quat_multiply
+from pbd.pose import Array, Pose
 
 
 @dataclass(frozen=True)
@@ -98,44 +98,34 @@ class ClaimFit:
 
 
 @dataclass(frozen=True, eq=False)
-class StartUpdate(Frozen):
-    """What known places say of a calibration: its start in base, mount and scale, besides the poses at the k stops.
+class CalibrationUpdate(Frozen):
+    """What known places say of a calibration, besides the poses at the k stops.
 
     Attributes:
-        start, T_sensor_tool, scale: the calibration's dock or nav, mount and scale, which they correct.
-        steps: (3, 6) m and rad, the corrections: position, rotation vector; of the start in base, and of the tool in
-            sensor axes, whose rotation they don't show. Of the third only the first counts, as a share of the scale.
-        by_calibration: (k + 3, 6, 10), the errors that remain at the stops and, last, in these three, per error of the
-            calibration: of the start (m, rad), of the tool's position on the sensor (m), of the scale (a share).
-        covariance: of the same k + 3 errors, without those of the calibration.
+        before, after: the calibration; and with start in base, mount (whose rotation they don't show) and scale as
+            corrected.
+        by_calibration: (k + 3, 6, 10), the errors that remain at the stops and, last, in start, mount and scale, per
+            error of `before`: of the start (m, rad), of the tool's position on the sensor (m), of the scale (a share).
+        covariance: of the same k + 3 errors, without those of `before`. Of the scale only the first of 6 counts.
     """
 
-    start: Pose
-    T_sensor_tool: Pose
-    scale: float
-    steps: Array
+    before: Calibration
+    after: Calibration
     by_calibration: Array
     covariance: PoseCovariance
 
     def __post_init__(self) -> None:
-        freeze_arrays(self, steps=(3, 6), by_calibration=(self.covariance.count, 6, 10))
+        freeze_arrays(self, by_calibration=(self.covariance.count, 6, 10))
 
-    def is_of(self, calibration: Calibration) -> bool:
-        """Whether it is this calibration that they correct."""
-        pairs = ((self.start, calibration.start), (self.T_sensor_tool, calibration.T_sensor_tool))
-        same = (b and np.array_equal(a.p, b.p) and np.array_equal(a.wxyz, b.wxyz) for a, b in pairs)
-        return self.scale == calibration.scale and all(same)
+    def applied_to(self, calibration: Calibration) -> Calibration | None:
+        """Return the calibration as corrected; None if its start, mount or scale are not those of `before`."""
+        parts = ("T_base_dock", "T_base_nav", "T_sensor_tool", "scale")
+        if not all(_same(getattr(calibration, part), getattr(self.before, part)) for part in parts):
+            return None
+        return replace(calibration, **{part: getattr(self.after, part) for part in parts})
 
-    def corrected(self, T_base_nav: Pose) -> Pose:
-        """Return nav's pose in base after the correction."""
-        return Pose(T_base_nav.p + self.steps[0, :3], quat_multiply(quat_exp(self.steps[0, 3:]), T_base_nav.wxyz))
 
-    @property
-    def corrected_tool(self) -> Pose:
-        """T_sensor_tool after the correction."""
-        return Pose(self.T_sensor_tool.p + self.steps[1, :3], self.T_sensor_tool.wxyz)
-
-    @property
-    def corrected_scale(self) -> float:
-        """The scale after the correction."""
-        return float(self.scale * (1.0 + self.steps[2, 0]))
+def _same(one: Pose | float | None, other: Pose | float | None) -> bool:
+    if isinstance(one, Pose) and isinstance(other, Pose):
+        return np.array_equal(one.p, other.p) and np.array_equal(one.wxyz, other.wxyz)
+    return one == other

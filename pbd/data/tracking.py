@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from pbd.data.calibration import Calibration
-from pbd.data.constraints import ClaimFit, Contact, Known, Place, StartUpdate
+from pbd.data.constraints import CalibrationUpdate, ClaimFit, Contact, Known, Place
 from pbd.data.covariance import PoseCovariance
 from pbd.data.estimated_sensor_errors import SensorEstimate
 from pbd.data.fusion import Fusion
@@ -139,7 +139,7 @@ class HandPath(Frozen):
         closure: (len(stops) - 1, 3) velocity at each move's end before its correction to zero, m/s: the raw drift.
         covariance: joint covariance of the poses at all stops, relative to the first stop's position and heading.
         claims: the claims about stops that were used.
-        start: what they say of the calibration; None: nothing.
+        calibration_update: what they say of the calibration; None: nothing.
         tracking: what the path was tracked from; None for a path that was not tracked.
         sensor: the sensor's errors as estimated; None if they were not.
         fusion: how several takes were combined; None for a single take.
@@ -154,7 +154,7 @@ class HandPath(Frozen):
     covariance: PoseCovariance
     grip: tuple[GripEvent, ...] = ()
     claims: tuple[ClaimFit, ...] = ()
-    start: StartUpdate | None = None
+    calibration_update: CalibrationUpdate | None = None
     tracking: Tracking | None = None
     sensor: SensorEstimate | None = None
     fusion: Fusion | None = None

@@ -13,7 +13,7 @@ from math import erfc, sqrt
 import numpy as np
 
 from pbd.data import Calibration, ClaimFit, HandPath, Known
-from pbd.data.constraints import StartUpdate
+from pbd.data.constraints import CalibrationUpdate
 from pbd.data.covariance import PoseCovariance
 from pbd.data.streams import interpolate
 from pbd.errors import TrackingError
@@ -57,19 +57,19 @@ def apply_constraints(
     S = np.einsum("kam,kan->mn", G, PG) + R
     fits = fits_of(path, claims, misfit, S)
 
-    gain, start = PG @ np.linalg.inv(S), None
+    gain, update = PG @ np.linalg.inv(S), None
     if calibration is not None:
-        start = _start_update(path.covariance, claims, calibration, (gain, G, R, misfit, S))
+        update = _calibration_update(path.covariance, claims, calibration, (gain, G, R, misfit, S))
     covariance = PoseCovariance(path.covariance.count, partial(_joseph_times, path.covariance, gain, G, R))
-    return replace(_move_path(path, gain @ misfit), covariance=covariance, claims=fits, start=start)
+    return replace(_move_path(path, gain @ misfit), covariance=covariance, claims=fits, calibration_update=update)
 
 
-def _start_update(
+def _calibration_update(
     prior: PoseCovariance,
     claims: Sequence[Claim],
     calibration: Calibration,
     update: tuple[Array, Array, Array, Array, Array],
-) -> StartUpdate | None:
+) -> CalibrationUpdate | None:
     """The part of start, mount and scale in the update of the poses (gain, G, R, misfit, S), as if they were three more
     poses; None if the claims say nothing of them.
 
@@ -78,7 +78,7 @@ def _start_update(
     (gain, G, R, misfit, S), by_calibration = update, _by_calibration(claims)
     errors = _calibration_errors(calibration)
     by_claim = -errors @ by_calibration.T @ np.linalg.inv(S)
-    if calibration.start is None or not by_claim.any():
+    if not calibration.knows_start or not by_claim.any():
         return None
     more, themselves = np.zeros((3, 6, len(S))), np.zeros((3, 6, 10))
     for i, part in enumerate((START_ERRORS, MOUNT_ERRORS, SCALE_ERROR)):
@@ -90,8 +90,22 @@ def _start_update(
     poses = PoseCovariance(prior.count + 3, partial(_with_three_exact, prior))
     own = R - by_calibration @ errors @ by_calibration.T
     covariance = PoseCovariance(poses.count, partial(_joseph_times, poses, gain, G, own))
-    corrected = calibration.start, calibration.T_sensor_tool, calibration.scale
-    return StartUpdate(*corrected, more @ misfit, remaining, covariance)
+    start, tip, share = np.split(by_claim @ misfit, [START_ERRORS.stop, MOUNT_ERRORS.stop])
+
+    def corrected(T_base_start: Pose | None) -> Pose | None:
+        """Return the dock or nav as corrected."""
+        if T_base_start is None:
+            return None
+        return Pose(T_base_start.p + start[:3], quat_multiply(quat_exp(start[3:]), T_base_start.wxyz))
+
+    after = replace(
+        calibration,
+        T_base_dock=corrected(calibration.T_base_dock),
+        T_base_nav=corrected(calibration.T_base_nav),
+        T_sensor_tool=Pose(calibration.T_sensor_tool.p + tip, calibration.T_sensor_tool.wxyz),
+        scale=calibration.scale * (1.0 + float(share[0])),
+    )
+    return CalibrationUpdate(calibration, after, remaining, covariance)
 
 
 def _with_three_exact(prior: PoseCovariance, columns: Array) -> Array:

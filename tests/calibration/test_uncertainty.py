@@ -128,7 +128,7 @@ def test_a_place_in_base_corrects_the_calibration_as_one_estimate_of_all_does(
     sigmas = np.sqrt(np.diagonal(cov - gain @ cov[rows]))
     assert_allclose(np.sqrt(np.diagonal(total_covariance(placed))), sigmas, rtol=0.05, atol=1e-9)
     for other in (replace(dock, T_base_dock=Pose.identity()), replace(dock, T_sensor_tool=Pose.identity())):
-        assert place_in_base(keyframes_of(path), other, path=path).start_update is None
+        assert place_in_base(keyframes_of(path), other, path=path).update is None
 
 
 def test_a_scale_that_points_showed_is_uncertain_at_a_distance() -> None:
