@@ -8,7 +8,7 @@ import pytest
 
 from pbd.data import Recording, Stop
 from pbd.pipeline import track
-from pbd.pose import quat_rotate
+from pbd.pose import lengths, quat_about_z, quat_inverse, quat_rotate, yaw_toward
 from pbd.simulation.hand_motion import HandMotion, Waypoint
 from pbd.simulation.sensor_model import AttitudeOutput, SensorModel
 from pbd.simulation.simulate import SENSOR_MODELS, random_task
@@ -60,6 +60,19 @@ def test_without_north_navs_x_is_an_axis_of_the_sensor_laid_level(
     recording = replace(simulate(task, "modern", 0).recording, mag=None)
     x, y, _ = quat_rotate(track(recording).wxyz_nav_sensor[0], axis)
     assert abs(np.arctan2(y, x)) < 1e-3
+
+
+def test_nav_points_to_the_north_that_the_compass_shows_at_the_first_rest() -> None:
+    """A room's field points 10 degrees elsewhere from 10 cm away from there on."""
+    demo = simulate(random_task(1), "modern")
+    truth, recording = not_none(demo.truth), demo.recording
+    away = np.minimum(lengths(truth.p_nav_sensor) / 0.1, 1.0)
+    field = quat_rotate(
+        quat_about_z(np.radians(10.0) * away), quat_rotate(truth.wxyz_nav_sensor, not_none(recording.mag))
+    )
+    path = track(replace(recording, mag=quat_rotate(quat_inverse(truth.wxyz_nav_sensor), field)))
+    row = middle(path.stops[0])
+    assert abs(np.degrees(yaw_toward(truth.wxyz_nav_sensor[row], path.wxyz_nav_sensor[row]))) < 0.5
 
 
 @every_method

@@ -9,12 +9,12 @@ from pbd.simulation.hand_motion import Waypoint
 from pbd.simulation.simulate import random_task, simulate
 from pbd.simulation.tasks import Task
 from pbd.tracking.first_rest import find_rest
-from pbd.tracking.keyframes import find_keyframes
 from pbd.tracking.noise import noise_of
 from tests.not_none import not_none
-from tests.scenarios import truth_at, with_rows
+from tests.scenarios import with_rows
 from tests.simulation.sway import with_sway
 from tests.tracking.fed_tracker import began, fed
+from tests.tracking.nees import against
 from tests.tracking.trembling import STRONG, STRONGEST, USUAL, trembling, with_tremor
 
 STOPS = 11
@@ -25,10 +25,10 @@ STOPS = 11
 @pytest.mark.parametrize("sensor", ["modern", "wt901"])
 def test_the_stops_are_found_where_they_are(sensor: str, rms: tuple[float, float], seed: int) -> None:
     demo = trembling(sensor, seed, rms)
-    keyframes = find_keyframes(track(demo.recording))
-    off = np.array([k.T_nav_sensor.p - truth_at(not_none(demo.truth), k.t) for k in keyframes])
-    assert len(keyframes) == STOPS
-    assert np.linalg.norm(off, axis=1).max() < (0.008 if sensor == "modern" else 0.03)
+    path = track(demo.recording)
+    assert len(path.stops) == STOPS
+    off = against(path, not_none(demo.truth)).off
+    assert lengths(off).max() < (0.008 if sensor == "modern" else 0.03)
 
 
 @pytest.mark.parametrize("rms", [USUAL, STRONGEST], ids=["usual", "strongest"])

@@ -11,15 +11,14 @@ from pbd.tracking.smoother.preintegration import BLOCK_S
 from pbd.tracking.smoother.state import State
 
 
-def find_hard_iron(problem: Problem, mag: Array, x: State) -> tuple[Array, float] | None:
+def find_hard_iron(problem: Problem, mag: Array, x: State) -> Array | None:
     """Find the field's part that turns with the sensor. None: it is small, or may be the room's.
 
     At each knot the field (of `mag`, (n, 3) in any unit) in nav is R b + m: b turns with the sensor, m is the earth's.
     Knots whose field is far off, as beside a magnet, lose their weight.
 
     Returns:
-        b (3,) in the unit of `mag`, and how far m points east of the field at the first rest, rad. (What the sensor
-        shows there is nav's north, on which a calibration may rely.)
+        b (3,) in the unit of `mag`.
     """
     noise = problem.noise
     R = np.asarray(x.E @ problem.C, dtype=np.float64)
@@ -42,7 +41,4 @@ def find_hard_iron(problem: Problem, mag: Array, x: State) -> tuple[Array, float
     sure = iron @ known @ iron > 3.0 * (OUTLIER_SIGMAS * density) ** 2
     large = iron @ iron > noise.field_change**2 * (earth @ earth)
     most_fit = weight.sum() > 0.5 * problem.duration.sum()
-    if not (sure and large and most_fit):
-        return None
-    north = field_nav[problem.stop_of == 0].mean(axis=0)
-    return iron, float(np.arctan2(earth[0], earth[1]) - np.arctan2(north[0], north[1]))
+    return iron if sure and large and most_fit else None

@@ -31,13 +31,11 @@ class LargeErrors:
     Attributes:
         lag, scale: s, of the gyro's time stamps; the gyro's readings are multiplied by 1 + scale.
         hard_iron: (3,) in the unit of the magnetic field.
-        azimuth: rad, how far the field without hard iron points east of the field at the first rest.
     """
 
     lag: float = 0.0
     scale: float = 0.0
     hard_iron: Array = field(default_factory=lambda: np.zeros(3))
-    azimuth: float = 0.0
 
     def removed_from(self, recording: Recording) -> Recording:
         """The recording without these errors."""
@@ -58,10 +56,10 @@ def find_large_errors(problem: Problem, found: Descent, mag: Array | None, remov
     more_lag, more_scale = _large_lag_and_scale(found.x, found.solved)
     iron = None if mag is None or removed.hard_iron.any() else find_hard_iron(problem, mag, found.x)
     # A lag outside the wide prior is another fault.
-    if not (more_lag or more_scale or iron) or abs(lag + more_lag) > OUTLIER_SIGMAS * noise.wide_lag_sigma:
+    if not (more_lag or more_scale or iron is not None) or abs(lag + more_lag) > OUTLIER_SIGMAS * noise.wide_lag_sigma:
         return None
     scale = (1.0 + removed.scale) * (1.0 + more_scale) - 1.0
-    return LargeErrors(lag + more_lag, scale, *(iron or (removed.hard_iron, removed.azimuth)))
+    return LargeErrors(lag + more_lag, scale, removed.hard_iron if iron is None else iron)
 
 
 def _large_lag_and_scale(x: State, solved: Solved) -> tuple[float, float]:

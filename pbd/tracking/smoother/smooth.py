@@ -12,7 +12,7 @@ import numpy as np
 
 from pbd.data import Recording
 from pbd.data.streams import interpolate
-from pbd.pose import Array, lengths, quat_about_z, quat_inverse, quat_multiply, quat_to_matrix
+from pbd.pose import Array, lengths, quat_about_z, quat_inverse, quat_multiply, quat_rotate, quat_to_matrix
 from pbd.tracking.first_rest import QUIET_GYR, Rest
 from pbd.tracking.moving_windows import Spans, cumulative
 from pbd.tracking.noise import Noise
@@ -20,7 +20,7 @@ from pbd.tracking.smoother.attitude import gyro_frame_of, heading, level_at_stop
 from pbd.tracking.smoother.doubtful_stops import doubted_stops, revised_stops, settled, stop_weights
 from pbd.tracking.smoother.factors import shared_prior, shows_north
 from pbd.tracking.smoother.gauss_newton import Descent, descend
-from pbd.tracking.smoother.knots import Problem, Samples, build_problem
+from pbd.tracking.smoother.knots import STOP_KNOT_S, Problem, Samples, build_problem, mean_around
 from pbd.tracking.smoother.large_errors import LargeErrors, find_large_errors
 from pbd.tracking.smoother.normal_equations import Solved
 from pbd.tracking.smoother.path import SensorPath, path_of
@@ -103,8 +103,11 @@ def smooth(
     # The model is linear in lag and scale, so the prior can be exchanged without a new linearisation.
     change = shared_prior(problem, found.at, narrow) - shared_prior(problem, found.at, fixed.prior)
     found, fixed = replace(found, solved=found.solved.plus(change)), replace(fixed, prior=narrow)
-    if not found.converged:
-        found = descend(problem, found.x, fixed)
+    x = found.x
+    if recording.mag is not None and shows_north(fixed.dip):
+        x, fixed = _with_first_field_north(problem, x, fixed, recording.mag)
+    if x is not found.x or not found.converged:
+        found = descend(problem, x, fixed)
     path, cut = path_of(problem, found.x), np.zeros(len(candidates), dtype=np.bool_)
     recuts = MAX_RECUTS
     while True:
@@ -171,7 +174,7 @@ def _solve_with_wide_prior(
         problem = build_problem(samples, stops)
         if not problem.stops:
             return None
-        initial, fixed = _initial_state(problem, prior, removed.azimuth)
+        initial, fixed = _initial_state(problem, prior)
         found = descend(problem, initial, fixed, ANNEALING)
         if no_gyro or not passes_left:
             break
@@ -188,12 +191,25 @@ def _solve_with_wide_prior(
     return samples, stops or Spans(), removed, problem, found, fixed
 
 
+def _with_first_field_north(problem: Problem, x: State, fixed: Fixed, mag: Array) -> tuple[State, Fixed]:
+    """Turn nav until its y is where the field `mag` (n, 3) as measured points at the first rest.
+
+    A calibration relies on it. Where a room's field points elsewhere at other stops, nav has turned to the mean.
+    """
+    frame = problem.frame
+    measured = mean_around(quat_rotate(frame.wxyz, mag), problem.rows, round(STOP_KNOT_S / frame.dt))
+    east, north, _ = _first_field(problem, x.E, measured)
+    off = float(np.arctan2(east, north))
+    Rz = quat_to_matrix(quat_about_z(off))
+    return replace(x, E=Rz @ x.E, v=x.v @ Rz.T, p=x.p @ Rz.T), replace(fixed, azimuth=-off)
+
+
 def _origin_knot(problem: Problem) -> int:
     """The knot in the middle of the first stop."""
     return int(np.median(np.flatnonzero(problem.stop_of == 0)))
 
 
-def _initial_state(problem: Problem, prior: Prior, azimuth: float = 0.0) -> tuple[State, Fixed]:
+def _initial_state(problem: Problem, prior: Prior) -> tuple[State, Fixed]:
     """Initial state: dead reckoning, levelled by `level_at_stops`, with nav's heading."""
     m, origin = len(problem.rows), _origin_knot(problem)
     strength, dip = 0.0, 0.5 * np.pi
@@ -204,7 +220,7 @@ def _initial_state(problem: Problem, prior: Prior, azimuth: float = 0.0) -> tupl
         first = problem.stop_of == 0
         off = -heading(quat_multiply(wxyz[first], problem.frame.wxyz[problem.rows[first]]))
         if problem.field is not None:
-            level = _first_field(problem, quat_to_matrix(wxyz))
+            level = _first_field(problem, quat_to_matrix(wxyz), problem.field)
             strength = float(np.linalg.norm(level))
             dip = float(np.arctan2(level[2], np.hypot(level[0], level[1])))
             off = float(np.arctan2(level[0], level[1])) if shows_north(dip) else off
@@ -213,7 +229,7 @@ def _initial_state(problem: Problem, prior: Prior, azimuth: float = 0.0) -> tupl
     shared = np.zeros(SHARED)
     shared[LAG], shared[SHARED_GRAVITY] = prior.lag, problem.noise.gravity
     state = State(E, *_dead_reckoning(problem, E), none, none, shared)
-    return state, Fixed(origin, strength, dip, azimuth, prior, np.ones(6))
+    return state, Fixed(origin, strength, dip, 0.0, prior, np.ones(6))
 
 
 def _dead_reckoning(problem: Problem, E: Array) -> tuple[Array, Array]:
@@ -230,10 +246,12 @@ def _dead_reckoning(problem: Problem, E: Array) -> tuple[Array, Array]:
     return v, cumulative(v[:-1] * T + way)
 
 
-def _first_field(problem: Problem, R: Array) -> Array:
-    """Mean magnetic field (3,) at the first stop with more than half the usual strength: some sensors wake up late."""
-    assert problem.field is not None
-    level = np.einsum("kij,kj->ki", R, problem.field)
+def _first_field(problem: Problem, R: Array, field: Array) -> Array:
+    """Mean of the field (m, 3) at the first stop with more than half its usual strength, turned by R (m, 3, 3).
+
+    Some magnetometers wake up late.
+    """
+    level = np.einsum("kij,kj->ki", R, field)
     means = (level[problem.stop_of == k].mean(axis=0) for k in range(len(problem.stops)))
     usual = float(np.median(lengths(level)))
     return next((mean for mean in means if lengths(mean) > 0.5 * usual), np.array([0.0, 1.0, 0.0]))

@@ -64,7 +64,7 @@ class Fixed:
     Attributes:
         origin: index of the knot whose position, and without a compass whose heading, is fixed.
         strength, dip: the field's at the first rest, in the unit of `Problem.field` and in rad; pi/2 without a field.
-        azimuth: that field's in nav, rad east of y. Zero without hard iron: then y is where it points.
+        azimuth: where the usual field points in nav, rad east of y, which is where it points at the first rest.
         prior: prior of lag and common scale.
         components: (6,) factors on variances: the three parts of the legs' noise, the walks of the gyro's and the
             accelerometer's bias, the velocity at a stop.

@@ -30,10 +30,9 @@ def found(turns: Array, fields: Array) -> Array | None:
     R = quat_to_matrix(quat_exp(turns))
     knots = np.arange(KNOTS)
     given: Any = {"C": R, "rows": knots, "frame": SimpleNamespace(dt=1.0), "duration": np.ones(KNOTS), "noise": Noise}
-    problem: Any = SimpleNamespace(stop_of=knots, **given)
+    problem: Any = SimpleNamespace(**given)
     state: Any = SimpleNamespace(E=np.broadcast_to(np.eye(3), R.shape))
-    both = find_hard_iron(problem, np.einsum("kji,kj->ki", R, fields), state)
-    return None if both is None else both[0]
+    return find_hard_iron(problem, np.einsum("kji,kj->ki", R, fields), state)
 
 
 @given(st.integers(0, 2**32 - 1))
