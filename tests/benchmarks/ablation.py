@@ -25,6 +25,7 @@ from functools import cache
 from itertools import product
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
@@ -32,7 +33,7 @@ import numpy as np
 
 from pbd import track_recording
 from pbd.cli.console import print_json
-from pbd.data import Demonstration, Recording, SensorErrors
+from pbd.data import Demonstration, Recording
 from pbd.errors import PbdError, PbdWarning
 from pbd.files.importers import import_file
 from pbd.pipeline import track
@@ -105,8 +106,8 @@ Change = tuple[ModuleType | type, str, object]
 def of_noise(**values: float) -> tuple[Change, ...]:
     """Change parameters of noise, of the sensor's class too."""
 
-    def changed(recording: Recording, rest: Rest, errors: SensorErrors | None = None) -> Noise:
-        found = noise_of(recording, rest, errors)
+    def changed(recording: Recording, rest: Rest, *given: Any) -> Noise:
+        found = noise_of(recording, rest, *given)
         of_class = {field.name for field in fields(found.sensor)}
         sensor = replace(found.sensor, **{name: value for name, value in values.items() if name in of_class})
         return replace(found, sensor=sensor, **{name: v for name, v in values.items() if name not in of_class})
