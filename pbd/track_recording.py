@@ -32,12 +32,11 @@ def track_recording(
     if method not in METHODS:
         raise UsageError(f"no method '{method}'; known are {', '.join(METHODS)}", value=method, valid=METHODS)
     recording, gaps = repair_recording(demo.recording)
-    clips = find_clips(recording)
+    clips, steps = find_clips(recording), steps_of(recording)  # of readings: neither guessed nor mixed by a matrix
     lost: tuple[LostMotion, ...] = ()
     if method == "default":
         recording, lost = declip(recording, clips)
     errors = None if calibration is None else calibration.sensor
-    steps = steps_of(recording)  # a matrix would mix them
     recording = corrected(recording, errors)  # after `declip`: clipping is at the range of the raw values
     rest = find_rest(recording)
     if calibration is None:  # planning compares the tilt with the calibration's dock

@@ -45,7 +45,7 @@ def check_grips(trajectory: JointTrajectory, robot: Robot, grips: Sequence[bool 
     t, opening, before, strokes = trajectory.gripper_t, trajectory.gripper_opening, 1.0, 0
     gripper, moves = robot.gripper, trajectory.coefficients[:, 1:].any(axis=(1, 2))
     for keyframe, (arrives, closes) in enumerate(zip(trajectory.keyframe_t, grips, strict=True)):
-        after = before if closes is None or gripper is None else float(not closes)
+        after = before if closes is None else float(not closes)
         if gripper is None or after == before:
             continue
         ends = arrives + gripper.stroke_s

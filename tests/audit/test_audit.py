@@ -170,7 +170,7 @@ Alter = Callable[[JointTrajectory], JointTrajectory]
         (lambda t: replace(t, keyframe_t=t.keyframe_t[::-1]), "the keyframes are not in their order"),
         (lambda t: gripped(t, t.gripper_t, 1.0 - t.gripper_opening), "no stroke of the gripper at keyframe 1"),
         (lambda t: gripped(t, np.zeros(1), np.ones(1)), "no stroke of the gripper at keyframe 1 while"),
-        (lambda t: passed(t), "keyframe 0 .* the arm does not rest"),
+        (passed, "keyframe 0 .* the arm does not rest"),
         (lambda t: gripped(t, t.gripper_t + 0.01, t.gripper_opening), "no stroke of the gripper at keyframe 1"),
         (
             lambda t: gripped(t, np.append(t.gripper_t, t.gripper_t[-1] + 0.1), np.append(t.gripper_opening, 0.9)),

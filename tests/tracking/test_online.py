@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pbd.data import GRAVITY, Demonstration, Keyframe, Recording
+from pbd.data import GRAVITY, Demonstration, Keyframe, LinearErrors, Recording, SensorErrors
 from pbd.errors import TrackingError
 from pbd.pose import (
     Array,
@@ -649,6 +649,15 @@ def test_a_gyro_that_falls_silent_is_reported_once(device_rpy: tuple[float, floa
         (2.99, "the rows since 2.990 s lack numbers in gyr; the hand is not tracked until they come again")
     ]
     assert tracker.stops[-1].stop <= 300
+
+
+def test_without_a_gyro_its_known_bias_turns_nothing() -> None:
+    recording = simulate("pour", "os5000").recording
+    biased = LinearErrors(np.full(3, 0.05), np.eye(3), np.full(3, 0.01), 1e-3)
+    plain, known = (LiveTracker("os5000", SensorErrors("os5000", gyr=each)) for each in (None, biased))
+    for tracker in (plain, known):
+        tracker.feed(recording.t, recording.acc, None, recording.mag, recording.device_rpy)
+    assert state(known) == state(plain)
 
 
 def test_short_holes_are_bridged() -> None:

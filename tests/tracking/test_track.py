@@ -12,7 +12,10 @@ from pbd.pipeline import track
 from pbd.simulation.hand_motion import Waypoint
 from pbd.simulation.tasks import TASKS, Task
 from pbd.tracking.keyframes import find_segments
+from pbd.tracking.noise import noise_of
 from pbd.tracking.online.tracker import LiveTracker
+from pbd.tracking.white_noise import steps_of
+from tests.not_none import not_none
 from tests.scenarios import keyframes_and_errors, pour, simulate, uncalibrated, with_rows
 from tests.tracking.tapping import tapped
 
@@ -184,3 +187,13 @@ def test_a_coarse_sensor_is_as_unsure_whether_or_not_its_calibration_mixes_the_a
         path = track(coarse, calibration=Calibration("bench", sensor=SensorErrors(recording.info.sensor, acc=acc)))
         sigmas.append(np.sqrt(np.diagonal(path.cov[5])[:3]))
     np.testing.assert_allclose(sigmas[1], sigmas[0], rtol=0.02)
+
+
+@pytest.mark.filterwarnings("ignore::pbd.errors.PbdWarning")
+def test_guessed_values_hide_no_step(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Those beyond the range lie between the readings, and made the sensor seem nine times as fine."""
+    recording, seen = simulate("pour", "wt901").recording, list[object]()
+    clipped = replace(recording, gyr=np.clip(not_none(recording.gyr), -2.0, 2.0))
+    monkeypatch.setattr("pbd.track_recording.noise_of", lambda *args: (seen.append(args[3]), noise_of(*args))[1])  # type: ignore[func-returns-value]
+    track(clipped)
+    assert seen == [steps_of(clipped)]

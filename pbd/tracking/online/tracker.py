@@ -104,6 +104,8 @@ class LiveTracker:
             if gyr is None and device_rpy is None:
                 raise TrackingError(NO_ORIENTATION)
             self._has_gyro = gyr is not None
+            if self._errors is not None and not self._has_gyro:  # zeros stand for the rates: no bias is in them
+                self._errors = replace(self._errors, gyr=None)
         events: list[LiveEvent] = []
         for k, at in enumerate(times.tolist()):
             events += self._take(at, *(None if values is None else values[k] for values in rows))
