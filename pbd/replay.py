@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pbd.calibration.success_probability import success_of
-from pbd.calibration.tool_poses import KeyframesInBase
 from pbd.calibration.touch_up import touched_covariances
 from pbd.data import Samples
 from pbd.errors import require_type
@@ -37,12 +36,10 @@ def replay_scene(plan: Plan, warnings: Sequence[str] = ()) -> ReplayScene:
 
     require_type("replay_scene", plan, "pbd.planning.plan_path", Plan)
     (path, demo), arm = plan.tracked, arm_of(plan.robot)
-    placement = plan.T_base_nav, plan.calibration, plan.options.scale
-    placed = KeyframesInBase(plan.keyframes, *placement, path, plan.options.orientation)
-    cov = touched_covariances(placed)
-    R = plan.scale * quat_to_matrix(plan.T_base_nav.wxyz)
+    cov = touched_covariances(plan.placed)
+    R = plan.scale * quat_to_matrix(plan.placed.T_base_nav.wxyz)
     tolerances = [each.tolerance_m for each in plan.keyframes]
-    success = success_of(placed) if any(each is not None for each in tolerances) else None
+    success = success_of(plan.placed) if any(each is not None for each in tolerances) else None
     size = size_remark(plan.robot, plan.calibration, plan.options.scale)
     likely = success and f"probability that all keyframes are within their tolerances: {success.band}"
     return ReplayScene(
@@ -80,11 +77,11 @@ def robot_motion(arm: ArmModel, samples: Samples) -> RobotMotion:
 
 def _hand_path(plan: Plan) -> Array:
     """Return where the hand would have carried the tool, (n, 3) m in base, scaled as the motion is."""
-    path, T_base_nav = plan.tracked[0], plan.T_base_nav
+    path, T_base_nav = plan.tracked[0], plan.placed.T_base_nav
     p_base_sensor = T_base_nav.act(plan.scale * path.p_nav_sensor[path.demonstrated])
     if plan.options.orientation == "fixed":
         return p_base_sensor + (plan.T_base_tool[0].p - T_base_nav.p)
-    p_nav_lever = quat_rotate(path.wxyz_nav_sensor[path.demonstrated], plan.calibration.T_sensor_tool.p)
+    p_nav_lever = quat_rotate(path.wxyz_nav_sensor[path.demonstrated], plan.placed.calibration.T_sensor_tool.p)
     return p_base_sensor + quat_rotate(T_base_nav.wxyz, p_nav_lever)
 
 

@@ -66,7 +66,7 @@ def test_the_demonstrated_path_is_where_the_hand_was() -> None:
     _, path, _ = tracked("paper-test1")
     inside = slice(path.stops[0].start, path.stops[-1].stop)
     often = np.linspace(path.t[inside][0], path.t[inside][-1], 5000)
-    hand = plan.T_base_nav.act(dock().scale * CubicSpline(path.t[inside], path.p_nav_sensor[inside])(often))
+    hand = plan.placed.T_base_nav.act(dock().scale * CubicSpline(path.t[inside], path.p_nav_sensor[inside])(often))
     p, _ = arm_of(PANDA).forward_many(moving(plan)[::25])
     away = np.linalg.norm(p[:, None] - hand[None], axis=2).min(axis=1)
     assert away.max() < 0.006
@@ -91,7 +91,7 @@ def test_a_demonstration_without_stops_on_the_way_is_followed() -> None:
     path = on_a_circle(2.0, np.pi, 0.1, (1, 2))
     plan = plan_keyframes(find_keyframes(path), dock(), PANDA, PlanOptions(path="demo"), path)
     tool, _ = arm_of(PANDA).forward_many(moving(plan)[::20])
-    centre = plan.T_base_nav.act(np.array([0.0, 0.1, 0.0]))
+    centre = plan.placed.T_base_nav.act(np.array([0.0, 0.1, 0.0]))
     np.testing.assert_allclose(np.linalg.norm(tool - centre, axis=1), 0.1, atol=0.002)
     assert tool[:, 2].max() > centre[2] + 0.097
 
@@ -101,7 +101,7 @@ def test_a_hand_that_comes_back_to_where_it_began_is_followed() -> None:
     path = on_a_circle(3.0, 2.0 * np.pi, 0.06, (0, 1))
     plan = plan_keyframes(find_keyframes(path), dock(), PANDA, PlanOptions(path="demo"), path)
     tool, _ = arm_of(PANDA).forward_many(moving(plan)[::20])
-    centre = plan.T_base_nav.act(np.array([0.06, 0.0, 0.0]))
+    centre = plan.placed.T_base_nav.act(np.array([0.06, 0.0, 0.0]))
     np.testing.assert_allclose(np.linalg.norm(tool - centre, axis=1), 0.06, atol=0.002)
     assert np.ptp(tool[:, 1]) > 0.115
     with pytest.raises(TrackingError, match="or follow the hand with --path demo"):

@@ -7,9 +7,9 @@ import pytest
 
 import pbd
 from pbd.arm.gripper import arm_bodies
-from pbd.data import Obstacle
+from pbd.data import Known, Obstacle, Place
 from pbd.data.world import THE_TOOL
-from pbd.planning import PlanOptions, arm_of, plan_keyframes
+from pbd.planning import PlanOptions, arm_of, plan_keyframes, plan_path
 from pbd.pose import Pose
 from pbd.replay import replay_scene
 from tests.arm.bundled import keyframes_of, path_of
@@ -35,6 +35,26 @@ def test_a_plan_becomes_a_scene(scale: float) -> None:
         )
         nearest = np.linalg.norm(scene.hand_path_base - pose.p, axis=1).min()
         assert nearest < 0.002 + 2.0 * scale * float(np.sqrt(np.linalg.eigvalsh(keyframe.cov[:3, :3]).max()))
+
+
+def test_the_drawn_path_meets_the_tool_where_known_places_correct_mount_and_scale() -> None:
+    demo, robot = pbd.load_demo("pouring"), pbd.load_robot("panda")
+    bench = replace(
+        not_none(robot.dock), cov_sensor_tool=0.01**2 * np.eye(6), residuals={"dock.scale_sigma": 0.03}, name="bench"
+    )
+    options = PlanOptions(approach=False)
+    shown = plan_keyframes(keyframes_of("pouring"), bench, robot, options, path_of("pouring"))
+    p, t = np.array([pose.p for pose in shown.T_base_tool]), [each.t for each in shown.keyframes]
+    larger = p + 0.02 * (p - p[0]) + (0.005, 0.0, 0.0)
+    places = tuple(Place((t[k],), tuple(larger[k].tolist()), 0.001) for k in (2, 3, 4))
+    path = pbd.track(demo, known=Known(places=places), calibration=bench)
+    plan = plan_path(path, bench, robot, options)
+    corrected = plan.placed.calibration
+    assert np.linalg.norm(corrected.T_sensor_tool.p - bench.T_sensor_tool.p) > 0.002
+    assert abs(plan.scale - bench.scale) > 0.001
+    drawn, at = replay_scene(plan).hand_path_base, path.t[path.demonstrated]
+    for keyframe, pose in zip(plan.keyframes, plan.T_base_tool, strict=True):
+        np.testing.assert_allclose(drawn[np.searchsorted(at, keyframe.t)], pose.p, atol=1e-4)
 
 
 @pytest.mark.filterwarnings("ignore:not checked against the table")

@@ -47,7 +47,7 @@ def source_of(plan: Plan) -> Source:
         name=plan.name,
         keyframes=plan.keyframes,
         hand=hand,
-        T_base_nav=plan.T_base_nav,
+        T_base_nav=plan.placed.T_base_nav,
         tool=tool,
         links=partial(links_in_parents, arm),
         audit=audit,

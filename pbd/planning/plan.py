@@ -231,7 +231,7 @@ def plan_task(task: PlanningTask) -> Plan | PlanRefusal:
         task.hand_path,
         task.grasped,
         options,
-        task.placed.T_base_nav,
+        task.placed,
         task.T_base_tool,
         off_rad,
         chosen.segments,

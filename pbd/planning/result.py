@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from pbd.calibration.tool_poses import KeyframesInBase
 from pbd.data import Calibration, Demonstration, GraspedObject, HandPath, JointTrajectory, Keyframe, Robot
 from pbd.data.one_line_repr import brief
 from pbd.errors import PlanError, amount, warn
@@ -49,7 +50,7 @@ class Plan:
     Attributes:
         keyframes, calibration, robot, grasped, options: as `plan_keyframes` was given them.
         hand_path: the hand's path between the keyframes; None: unknown.
-        T_base_nav: nav's pose in base.
+        placed: the keyframes in base, with the calibration that known places corrected.
         T_base_tool: the tool's required pose at each keyframe.
         off_rad: (n, 2) errors of an arm with too few joints: of the approach axis, and of the rotation about it.
         segments: the moves to the keyframes.
@@ -66,7 +67,7 @@ class Plan:
     hand_path: HandPath | None
     grasped: GraspedObject | None
     options: PlanOptions
-    T_base_nav: Pose
+    placed: KeyframesInBase
     T_base_tool: tuple[Pose, ...]
     off_rad: Array
     segments: tuple[Segment, ...]
@@ -92,7 +93,7 @@ class Plan:
     @property
     def scale(self) -> float:
         """The factor on the hand's positions: the calibration's own times that of the options."""
-        return self.options.scale * self.calibration.scale
+        return self.placed.scale * self.placed.calibration.scale
 
     def __repr__(self) -> str:
         touches = "" if self.touching is None else "touches something"
