@@ -372,6 +372,8 @@ def test_points_are_fitted_with_the_scale_that_a_replay_uses(capsys: Capture, to
         found = run_json(capsys, *POINTS, "--force", *options)["fit"]["scale_sigma"]
         assert 0.0 < found < 0.05
         assert read_calibration(file).scale_sigma == found
+    run(capsys, *DOCK, "--force")
+    assert read_calibration(file).scale_sigma == found
 
 
 def test_a_tilted_base_has_no_dock(capsys: Capture, touched: Touching) -> None:

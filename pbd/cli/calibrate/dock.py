@@ -37,8 +37,10 @@ def run(args: argparse.Namespace) -> None:
     if robot is not None:
         _refuse_out_of_reach(robot, tool)
     cov = of_pose + placing_covariance(args.sigma_mm, args.sigma_deg)
-    found_with = None if args.joints is None else lever_figure(calibration)
-    values = pose_values(T_base_dock, "in base", cov) | {"fit": (found_with, "")}
+    figures = {} if args.joints is None else lever_figure(calibration)
+    if calibration.scale_sigma:  # the scale is kept
+        figures["scale_sigma"] = calibration.scale_sigma
+    values = pose_values(T_base_dock, "in base", cov) | {"fit": (figures or None, "")}
     update_calibration(path, {"dock": values}, robots=(robot.name,) if robot else ())
     rpy_deg = np.degrees(quat_to_rpy(T_base_dock.wxyz))
     x, y, z = T_base_dock.p
