@@ -22,9 +22,6 @@ from pbd.tracking.noise import OUTLIER_SIGMAS
 from pbd.tracking.smoother.path import between_stops
 from pbd.tracking.stop_constraints import MOUNT_ERRORS, START_ERRORS, Claim, claims_of
 
-SCALE_ERROR = slice(9, 10)
-"""Column of `_by_calibration`, after those of `Claim.by_calibration`."""
-
 
 def apply_constraints(
     path: HandPath, known: Known, calibration: Calibration | None = None, T_base_nav: Pose | None = None
@@ -80,17 +77,16 @@ def _calibration_update(
     by_claim = -errors @ by_calibration.T @ np.linalg.inv(S)
     if not calibration.knows_start or not by_claim.any():
         return None
-    more, themselves = np.zeros((3, 6, len(S))), np.zeros((3, 6, 10))
-    for i, part in enumerate((START_ERRORS, MOUNT_ERRORS, SCALE_ERROR)):
-        more[i, : part.stop - part.start] = by_claim[part]
-        themselves[i, : part.stop - part.start] = np.eye(10)[part]
+    more, themselves, parts = np.zeros((3, 6, len(S))), np.zeros((3, 6, 10)), [START_ERRORS.stop, MOUNT_ERRORS.stop]
+    for i, (found, itself) in enumerate(zip(np.split(by_claim, parts), np.split(np.eye(10), parts), strict=True)):
+        more[i, : len(found)], themselves[i, : len(found)] = found, itself
     gain, G = np.concatenate((gain, more)), np.concatenate((G, np.zeros((3, *G.shape[1:]))))
     remaining = gain @ by_calibration
     remaining[-3:] += themselves
     poses = PoseCovariance(prior.count + 3, partial(_with_three_exact, prior))
     own = R - by_calibration @ errors @ by_calibration.T
     covariance = PoseCovariance(poses.count, partial(_joseph_times, poses, gain, G, own))
-    start, tip, share = np.split(by_claim @ misfit, [START_ERRORS.stop, MOUNT_ERRORS.stop])
+    start, tip, share = np.split(by_claim @ misfit, parts)
 
     def corrected(T_base_start: Pose | None) -> Pose | None:
         """Return the dock or nav as corrected."""
@@ -154,7 +150,7 @@ def _by_calibration(claims: Sequence[Claim]) -> Array:
 def _calibration_errors(calibration: Calibration) -> Array:
     """The covariance (10, 10) of the calibration's errors, in the columns of `_by_calibration`."""
     errors = np.zeros((10, 10))
-    errors[SCALE_ERROR, SCALE_ERROR] = calibration.scale_sigma**2
+    errors[-1, -1] = calibration.scale_sigma**2
     errors[START_ERRORS, START_ERRORS] = calibration.cov_start
     if calibration.cov_sensor_tool is not None:
         errors[MOUNT_ERRORS, MOUNT_ERRORS] = calibration.cov_sensor_tool[:3, :3]
