@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pbd.data import Keyframe, Recording, RecordingInfo, SensorErrors, Stop
+from pbd.data.recording import resolution_of
 from pbd.errors import PbdError, TrackingError, WrongTypeError
 from pbd.frozen_arrays import numeric, readonly
 from pbd.pose import Array
@@ -18,7 +19,6 @@ from pbd.tracking.online.live_hand import LiveHand
 from pbd.tracking.online.sample_repair import RepairedSample, SampleRepair
 from pbd.tracking.repair.clock import SLOWEST_HZ
 from pbd.tracking.smoother.attitude import NO_ORIENTATION
-from pbd.tracking.white_noise import steps_of
 from pbd.tracking.zero_velocity import ENERGY_WINDOW_S
 
 __all__ = ["DataFlaw", "LiveEvent", "LiveTracker", "RestFound", "StopBegan", "StopEnded"]
@@ -121,8 +121,10 @@ class LiveTracker:
         for sample in (each.corrected(self._errors) for each in samples):
             if self._hand is not None:
                 events += (news := self._hand.advance(sample))
-                if any(isinstance(event, StopEnded) for event in news):
-                    self._learn_steps(self._hand)
+                # A coarse sensor's readings may be equal at rest. Once the hand has set out, they show their step.
+                if any(isinstance(event, StopEnded) for event in news) and self._learn_steps(self._recent):
+                    assert self._still is not None
+                    self._hand.use_rest(self._hand.rest, self._noise_of(*self._still))
             self._keep_last_second(sample)
             if sample.t >= self._t_next_look and self._recent[-1].t - self._recent[0].t >= REST_S:
                 events += self._look_for_rest(list(self._recent))
@@ -154,7 +156,8 @@ class LiveTracker:
         except PbdError as error:
             self._waiting = _rest_advice(error)
             return []
-        still, noise = (recording, rest), self._noise_of(recording, rest, samples)
+        self._learn_steps(samples)
+        still, noise = (recording, rest), self._noise_of(recording, rest)
         rest = replace(rest, start=samples[0].row, stop=samples[-1].row + 1)
         if hand is None:
             interval = float(np.median(np.diff(recording.t)))
@@ -171,16 +174,14 @@ class LiveTracker:
             hand.use_rest(rest, noise)
         return []
 
-    def _learn_steps(self, hand: LiveHand) -> None:
-        """A coarse sensor's readings may all be the same at rest. Once the hand has set out, they show their step."""
-        assert self._still is not None
-        hand.use_rest(hand.rest, self._noise_of(*self._still, self._recent))
-
-    def _noise_of(self, recording: Recording, rest: Rest, latest: Iterable[RepairedSample]) -> Noise:
-        """Noise by a rest in a recording; the readings' steps are the smallest so far, the latest included."""
-        read = [replace(each, gyr=each.readings[0], acc=each.readings[1]) for each in latest]
-        gyr, acc = (min(pair) for pair in zip(self._steps, steps_of(self._recording_of(read)), strict=True))
+    def _learn_steps(self, samples: Iterable[RepairedSample]) -> bool:
+        """Take these samples' readings; return whether their steps are smaller than all before."""
+        read, before = zip(*(each.readings for each in samples), strict=True), self._steps
+        gyr, acc = (min(step, resolution_of(np.array(each))) for step, each in zip(before, read, strict=True))
         self._steps = gyr, acc
+        return self._steps != before
+
+    def _noise_of(self, recording: Recording, rest: Rest) -> Noise:
         return noise_of(recording, rest, self._errors, self._steps)
 
     def _recording_of(self, samples: list[RepairedSample]) -> Recording:
