@@ -8,6 +8,7 @@ import numpy as np
 
 from pbd.calibration.tool_poses import KeyframesInBase, tool_poses
 from pbd.data.calibration import TOOL_DOWN
+from pbd.data.covariance import errors_at
 from pbd.pose import Array, quat_inverse, quat_multiply, quat_rotate, quat_to_matrix, skew
 
 SOURCES = {"start": "where the hand starts", "mount": "the mount", "tracking": "tracking"}
@@ -19,10 +20,9 @@ def _joint_errors(placed: KeyframesInBase) -> tuple[Array, Array]:
     tool on the sensor and of the scale, without those of the calibration; and their derivatives (6k + 18, 10) by the
     calibration's errors (`CalibrationUpdate`).
 
-    A keyframe in a stop of the path has the stop's error e, which it has in common with the path's others. If a person
-    gave it a larger sigma, an independent error adds to e. If the sigma is smaller, the person measured the keyframe:
-    as after a Kalman filter's update, its error is a share of e, and an independent one. The error of a keyframe that
-    a person inserted is independent; a keyframe without a covariance is exact.
+    A keyframe has the path's error e at its time, which it has in common with the others. If a person gave it a larger
+    sigma, an independent error adds to e. If the sigma is smaller, the person measured the keyframe: as after a Kalman
+    filter's update, its error is a share of e, and an independent one. A keyframe without a covariance is exact.
     """
     path, keyframes, update = placed.path, placed.keyframes, placed.update
     k = len(keyframes)
@@ -30,22 +30,18 @@ def _joint_errors(placed: KeyframesInBase) -> tuple[Array, Array]:
     cov[range(k), :, range(k)] = [keyframe.cov for keyframe in keyframes]
     by_calibration[k, :, :6], by_calibration[k + 1, :3, 6:9], by_calibration[k + 2, 0, 9] = np.eye(6), np.eye(3), 1.0
     if path is not None:
-        stops = {
-            i: stop
-            for i, keyframe in enumerate(keyframes)
-            if keyframe.cov.any() and (stop := path.stop_at(keyframe.t)) is not None
-        }
-        rows, at = list(stops), list(stops.values())
-        own, of_stop = (np.diagonal(each, axis1=1, axis2=2) for each in (cov[rows, :, rows], path.cov[at]))
-        share = np.minimum(1.0, np.divide(own, of_stop, out=np.ones_like(own), where=of_stop > 0.0))
-        rest = own - share**2 * of_stop
-        covariance = path.covariance
+        rows = [i for i, keyframe in enumerate(keyframes) if keyframe.cov.any()]
+        at = path.stop_numbers([keyframes[i].t for i in rows])
+        of_path = path.covariance.joint_at(at)
+        own, of_each = np.diagonal(cov[rows, :, rows], axis1=1, axis2=2), np.diagonal(of_path).reshape(-1, 6)
+        share = np.minimum(1.0, np.divide(own, of_each, out=np.ones_like(own), where=of_each > 0.0))
+        rest = own - share**2 * of_each
         if update is not None:
-            rows, at = [*rows, k, k + 1, k + 2], [*at, *range(len(path.stops), len(path.stops) + 3)]
+            rows, at = [*rows, k, k + 1, k + 2], np.append(at, len(path.stops) + np.arange(3.0))
             share, rest = np.vstack((share, np.ones((3, 6)))), np.vstack((rest, np.zeros((3, 6))))
-            covariance = update.covariance
-            by_calibration[rows] = share[:, :, None] * update.by_calibration[at]
-        joint = np.outer(share, share) * covariance.joint(at) + np.diag(rest.ravel())
+            of_path = update.covariance.joint_at(at)
+            by_calibration[rows] = share[:, :, None] * errors_at(at, update.by_calibration)
+        joint = np.outer(share, share) * of_path + np.diag(rest.ravel())
         cov[np.ix_(rows, range(6), rows, range(6))] = joint.reshape(len(at), 6, len(at), 6)
     return cov.reshape(6 * k + 18, -1), by_calibration.reshape(-1, 10)
 

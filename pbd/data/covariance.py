@@ -55,6 +55,29 @@ class PoseCovariance(Frozen):
         block = self.multiply(columns)[list(poses)].reshape(6 * len(poses), 6 * len(poses))
         return np.asarray(0.5 * (block + block.T))
 
+    def joint_at(self, numbers: Array) -> Array:
+        """Covariance (6m, 6m) of m poses at stops or in moves; `numbers` as `errors_at` takes them.
+
+        In a move the path has an error of its own, as from white noise of acceleration and gyro whose effect is known
+        at both ends: that of a clamped beam for the position, of a Brownian bridge for the rotation.
+        """
+        moving, shares = np.flatnonzero(numbers % 1.0), numbers[numbers % 1.0 > 0.0] % 1.0
+        if not moving.size:
+            return self.joint(numbers.astype(int).tolist())
+        at = np.unique((np.floor(numbers), np.ceil(numbers))).astype(int).tolist()
+        among, joint = np.interp(numbers, at, np.arange(len(at))), self.joint(at).reshape(len(at), 6, len(at), 6)
+        half = errors_at(among, joint.reshape(len(at), 6, -1)).reshape(-1, len(at), 6).transpose(1, 2, 0)
+        found = errors_at(among, half).reshape(len(numbers), 6, len(numbers), 6)
+        first, each = among[moving].astype(int), range(len(moving))
+        change = joint[first + 1] - joint[first]
+        moved = change[each, :, first + 1] - change[each, :, first]
+        moved[:, :3, 3:] = moved[:, 3:, :3] = 0.0
+        s, u = np.minimum.outer(shares, shares), np.maximum.outer(shares, shares)
+        own = np.stack((2.0 * s**2 * (1.0 - u) ** 2 * (3.0 * u - s - 2.0 * s * u), s * (1.0 - u)), axis=2)
+        own *= np.equal.outer(first, first)[:, :, None]
+        found[moving[:, None], :, moving] += np.repeat(own, 3, axis=2)[..., None] * moved
+        return found.reshape(6 * len(numbers), -1)
+
     @cached_property
     def of_each(self) -> Array:
         """Covariance (n, 6, 6) of each single pose."""
@@ -76,6 +99,20 @@ class PoseCovariance(Frozen):
         for start in range(0, self.count - overlap, KEYFRAMES_PER_BATCH):
             poses = range(start, min(start + KEYFRAMES_PER_BATCH + overlap, self.count))
             yield self.joint(poses).reshape(len(poses), 6, len(poses), 6)
+
+
+def errors_at(numbers: Array, at_stops: Array) -> Array:
+    """Errors (m, 6, c) of m poses at stops or in moves, from those at n stops (n, 6, c).
+
+    As `between_stops` shifts a path: in a move the position's error grows as 3 s^2 - 2 s^3 with the share s of its
+    time, the rotation's linearly.
+
+    Args:
+        numbers: (m,) of stops; 2.25 is in the move from stop 2 to stop 3, after a quarter of its time.
+    """
+    first, s = np.floor(numbers).astype(int), (numbers % 1.0)[:, None]
+    share = np.repeat(np.hstack((s**2 * (3.0 - 2.0 * s), s)), 3, axis=1)[:, :, None]
+    return np.asarray(at_stops[first] + share * (at_stops[np.ceil(numbers).astype(int)] - at_stops[first]))
 
 
 def _chained(blocks: Array, columns: Array) -> Array:

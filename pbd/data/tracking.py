@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+
+import numpy as np
 
 from pbd.data.calibration import Calibration
 from pbd.data.constraints import CalibrationUpdate, ClaimFit, Contact, Known, Place
@@ -184,6 +187,10 @@ class HandPath(Frozen):
     def stop_at(self, t: float) -> int | None:
         """Index of the stop during which t (s) is; None: the hand moves then."""
         return next((k for k, (begin, end) in enumerate(self.rests) if begin <= t <= end), None)
+
+    def stop_numbers(self, t: Sequence[float]) -> Array:
+        """The stop's number at each t (s); in moves between two numbers, by the share of the time (`errors_at`)."""
+        return np.interp(t, np.ravel(self.rests), np.repeat(np.arange(len(self.stops)), 2))
 
     def rest_at(self, t: float) -> tuple[float, float]:
         """When the hand's rest at t (s) begins and ends; t and t if the hand moves then."""

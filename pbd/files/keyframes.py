@@ -32,7 +32,7 @@ HEAD = """\
 # The keyframes of '{name}': where the hand stopped. While this file exists, it replaces what tracking finds.
 # Edit it as you like; `pbd keyframes {word}` shows the result, and the line of a mistake.
 #   drop      remove a [[keyframe]] and its lines; the first one is the dock and must stay as it is
-#   insert    copy a [[keyframe]], with a time between its neighbours'
+#   insert    copy a [[keyframe]], with a time between its neighbours'; its copied sigmas count as the hand path's there
 #   nudge     position_m is the sensor's position, in metres from the dock: {axes}, z up;
 #             rpy_deg is its roll, pitch and yaw in degrees. `pbd keyframes {word} --robot R` shows the tool's pose
 #   dwell_s   how long the arm stays, except at the first and the last; less counts as 0.15 s; a comment has the hand's

@@ -1,5 +1,6 @@
 """The poses at the stops, and the intervals between them."""
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -14,10 +15,20 @@ NEAR_STOP_S = 0.5
 
 
 def keyframes_of(path: HandPath) -> tuple[Keyframe, ...]:
-    """The keyframes to use: those that a person edited, else those found."""
+    """The keyframes to use: those that a person edited, else those found.
+
+    A keyframe that was copied into a move has the path's covariance there, if it still has another's.
+    """
     require_type("keyframes_of", path, "pbd.track", HandPath)
     edited = None if path.tracking is None else path.tracking.demo.keyframes
-    return find_keyframes(path) if edited is None else edited
+    if edited is None:
+        return find_keyframes(path)
+    keyframes = list(edited)
+    for k, (keyframe, number) in enumerate(zip(edited, path.stop_numbers([each.t for each in edited]), strict=True)):
+        copied = keyframe.cov.any() and sum(np.array_equal(keyframe.cov, other.cov) for other in edited) > 1
+        if copied and number % 1.0:
+            keyframes[k] = replace(keyframe, cov=path.covariance.joint_at(np.array([number])))
+    return tuple(keyframes)
 
 
 def find_keyframes(path: HandPath) -> tuple[Keyframe, ...]:

@@ -11,7 +11,7 @@ from scipy.linalg import block_diag
 from pbd.calibration.dock import dock_at, place_in_base
 from pbd.calibration.tool_poses import KeyframesInBase, tool_poses
 from pbd.calibration.uncertainty import joint_tool_covariances, tool_covariances
-from pbd.data import Calibration, Keyframe, Known, Place
+from pbd.data import Calibration, HandPath, Keyframe, Known, Place
 from pbd.data.calibration import DOCK_SIGMA_M
 from pbd.files.demo import load_demo
 from pbd.pipeline import track
@@ -99,6 +99,17 @@ def test_a_keyframe_is_as_certain_as_its_person_says() -> None:
     assert np.linalg.eigvalsh(joint).min() > 0.0
 
 
+def with_one_between(path: HandPath) -> list[Keyframe]:
+    """The path's keyframes, and one in the middle of the move from 3 to 4, as an edited keyframe copied from 3."""
+    found = keyframes_of(path)
+    t = 0.5 * (path.rests[3][1] + path.rests[4][0])
+    at = int(np.searchsorted(path.t, t))
+    between = replace(found[3], t=t, T_nav_sensor=Pose(path.p_nav_sensor[at], path.wxyz_nav_sensor[at]))
+    assert path.tracking is not None
+    demo = replace(path.tracking.demo, keyframes=(*found[:4], between, *found[4:]))
+    return list(keyframes_of(replace(path, tracking=replace(path.tracking, demo=demo))))
+
+
 @pytest.mark.parametrize(("mount_sigma", "scale_sigma"), [(0.0, 0.0), (0.005, 0.0), (0.005, 0.03)])
 def test_a_place_in_base_corrects_the_calibration_as_one_estimate_of_all_does(
     mount_sigma: float, scale_sigma: float
@@ -113,13 +124,13 @@ def test_a_place_in_base_corrects_the_calibration_as_one_estimate_of_all_does(
         cov_sensor_tool=np.diag([*[mount_sigma**2] * 3, 0.0, 0.0, 0.0]),
         residuals={"dock.scale_sigma": scale_sigma},
     )
-    without = place_in_base(keyframes_of(alone), dock, path=alone)
+    without = place_in_base(with_one_between(alone), dock, path=alone)
     before, cov = np.array([pose.p for pose in tool_poses(without)]), total_covariance(without)
     at = [2, 3]
     asked = before[at] + ((0.004, -0.003, 0.002), (0.004, -0.002, 0.001))
     places = [Place((without.keyframes[k].t,), tuple(p), sigma) for k, p in zip(at, asked.tolist(), strict=True)]
     path = track(demo, known=Known(demo.closed, tuple(places)), calibration=dock)
-    placed = place_in_base(keyframes_of(path), dock, path=path)
+    placed = place_in_base(with_one_between(path), dock, path=path)
     rows = [6 * k + axis for k in at for axis in range(3)]
     gain = np.linalg.solve(cov[np.ix_(rows, rows)] + sigma**2 * np.eye(len(rows)), cov[rows]).T
     expected = before + (gain @ np.ravel(asked - before[at])).reshape(-1, 6)[:, :3]
