@@ -129,13 +129,13 @@ def touched_poses(placed: KeyframesInBase) -> tuple[Pose, ...]:
 
 
 def demonstrated_places(placed: KeyframesInBase) -> Array:
-    """Return the tool's places in base, (k, 3) m, as demonstrated: without nudges, touch-ups and a plan's options."""
+    """Return the tool's places in base, (k, 3) m, without nudges and touch-ups."""
     unmoved = [replace(each, nudge_base_m=np.zeros(3), nudge_tool_m=np.zeros(3)) for each in placed.keyframes]
-    return np.array([pose.p for pose in tool_poses(replace(placed, keyframes=unmoved, scale=1.0, orientation="demo"))])
+    return np.array([pose.p for pose in tool_poses(replace(placed, keyframes=unmoved))])
 
 
 def _warn_of_stale(touch_ups: Sequence[TouchUp], placed: KeyframesInBase) -> None:
-    """Warn if the tool was elsewhere in base when it was touched up: the same error may be corrected twice now."""
+    """Warn if the tool was elsewhere in base when it was touched up: it may have had another error there."""
     places, last = demonstrated_places(placed), dict[int, float]()
     for each in touch_ups:
         if (at := each.index_in(placed.keyframes)) is not None:
@@ -146,6 +146,7 @@ def _warn_of_stale(touch_ups: Sequence[TouchUp], placed: KeyframesInBase) -> Non
         worst = max(stale, key=lambda at: stale[at])
         warn(
             f"keyframe {worst} was touched up where the tool was {100.0 * stale[worst]:.1f} cm from where it is now "
-            "without the touch-up (another calibration, or known places since). An error that both correct is "
-            "corrected twice: look at the motion; touch the keyframe again, or undo (pbd touch DEMO --robot R --undo)"
+            "without the touch-up (another calibration, --scale or --orientation, or known places since), so it may be "
+            "wrong here: use those it was seen with, touch the keyframe again, or undo (pbd touch DEMO --robot R "
+            "--undo)"
         )

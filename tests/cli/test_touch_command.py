@@ -86,13 +86,13 @@ def test_a_touch_up_made_with_another_dock_is_told(tea: Path, capsys: Capture) -
     bench = ("--robot", "panda", "--calibration", "bench")
     run(capsys, *dock, "-0.1", "0.25")
     run(capsys, "touch", "tea", "2", "--by", "0", "-0.04", "0", *bench)
-    assert "corrected twice" not in run(capsys, "keyframes", "tea", *bench)[2]
+    assert "was touched up" not in run(capsys, "keyframes", "tea", *bench)[2]
     run(capsys, *dock, "-0.14", "0.25")
     said = run(capsys, "keyframes", "tea", *bench)[2]
     assert said.count("warning: keyframe 2 was touched up where the tool was 4.0 cm from where it is now") == 1
     x, y, z = run_json(capsys, "keyframes", "tea", *bench)["keyframes"][2]["base_position_m"]
     run(capsys, "touch", "tea", "2", "--at", str(x), str(y + 0.04), str(z), *bench)
-    assert "corrected twice" not in run(capsys, "keyframes", "tea", *bench)[2]
+    assert "was touched up" not in run(capsys, "keyframes", "tea", *bench)[2]
 
 
 def test_a_place_is_of_the_motion_that_was_tried(tea: Path, capsys: Capture) -> None:
@@ -102,6 +102,9 @@ def test_a_place_is_of_the_motion_that_was_tried(tea: Path, capsys: Capture) -> 
     assert np.linalg.norm(shown - places(capsys)[4]) > 0.05
     run(capsys, *at, "--at", *map(str, np.add(shown, (0.0, 0.0, 0.01))), *tried)
     np.testing.assert_allclose(places(capsys, *tried)[4] - shown, [0.0, 0.0, 0.01], atol=1e-4)
+    assert "was touched up" not in run(capsys, "keyframes", "tea", "--robot", "panda", *tried)[2]
+    said = run(capsys, "keyframes", "tea", "--robot", "panda", *tried[2:])[2]
+    assert said.count("(another calibration, --scale or --orientation, or known places since)") == 1
 
 
 def test_touching_again_with_another_calibration_is_told(tea: Path, capsys: Capture) -> None:
@@ -111,7 +114,7 @@ def test_touching_again_with_another_calibration_is_told(tea: Path, capsys: Capt
     said = run(capsys, *by, "--calibration", "bench")[2]
     assert "own dock" not in said
     assert "`pbd touch tea --robot panda --calibration bench --undo` takes it back" in said
-    assert "corrected twice" not in run(capsys, *by, "--calibration", "bench")[2]
+    assert "was touched up" not in run(capsys, *by, "--calibration", "bench")[2]
     code, _, said = run(capsys, *by)
     assert code == 0
     assert said.count("warning: keyframe 2 was touched up where the tool was") == 1
