@@ -150,18 +150,17 @@ def place_in_base(
     """Place keyframes in base, by the attitude at the first of them and by the known places that the path used.
 
     Raises:
-        CalibrationError: as `nav_in_base`; or as `with_heading_sigma`, if the path is given; or, with orientation
-            "fixed", the tool points up at the first keyframe.
+        CalibrationError: as `nav_in_base`; or as `with_heading_sigma`, if the path is given; or known places made the
+            path depend on another start, mount or scale; or, with orientation "fixed", the tool points up at the first
+            keyframe.
     """
     warn_of_doubts(calibration, "dock", "nav", "mount")
     update = None
     if path is not None:
         calibration = with_heading_sigma(path, calibration)
         update = path.calibration_update
-    if update is not None and (corrected := update.applied_to(calibration)) is not None:
-        calibration = corrected
-    else:
-        update = None
+    if update is not None:
+        calibration = update.applied_to(calibration)
     T_base_nav = nav_in_base(calibration, keyframes[0].T_nav_sensor.wxyz)
     if orientation == "fixed":
         wxyz = (T_base_nav @ keyframes[0].T_nav_sensor @ calibration.T_sensor_tool).wxyz

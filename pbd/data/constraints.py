@@ -7,7 +7,7 @@ import numpy as np
 from pbd.data.calibration import Calibration
 from pbd.data.covariance import PoseCovariance
 from pbd.data.field_checks import freeze_tuples, require_finite
-from pbd.errors import UsageError, require_kind
+from pbd.errors import CalibrationError, UsageError, require_kind
 from pbd.frozen_arrays import Frozen, freeze_arrays
 from pbd.pose import Array, Pose
 
@@ -117,11 +117,15 @@ class CalibrationUpdate(Frozen):
     def __post_init__(self) -> None:
         freeze_arrays(self, by_calibration=(self.covariance.count, 6, 10))
 
-    def applied_to(self, calibration: Calibration) -> Calibration | None:
-        """Return the calibration as corrected; None if its start, mount or scale are not those of `before`."""
+    def applied_to(self, calibration: Calibration) -> Calibration:
+        """Return the calibration as corrected; CalibrationError if its start, mount or scale are not as in `before`."""
         parts = ("T_base_dock", "T_base_nav", "T_sensor_tool", "scale")
         if not all(_same(getattr(calibration, part), getattr(self.before, part)) for part in parts):
-            return None
+            raise CalibrationError(
+                f"the path was tracked with '{self.before.name}': known places fitted it to the start, mount and scale "
+                f"there, and '{calibration.name}' has others; track it with the calibration that you plan with: "
+                "pbd.track(..., calibration=...)"
+            )
         return replace(calibration, **{part: getattr(self.after, part) for part in parts})
 
 

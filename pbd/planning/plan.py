@@ -55,7 +55,7 @@ def plan(
 
     Raises:
         TrackingError: fewer than two stops, or all at one place.
-        CalibrationError: the calibration is for other robots.
+        CalibrationError: the calibration is for other robots, or known places fitted the path to another one.
         PlanError: a keyframe is out of reach, something is in the way, or the motion breaks a limit.
         WrongTypeError: an argument has the wrong type, for example a robot's name.
     """

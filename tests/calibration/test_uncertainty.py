@@ -13,6 +13,7 @@ from pbd.calibration.tool_poses import KeyframesInBase, tool_poses
 from pbd.calibration.uncertainty import joint_tool_covariances, tool_covariances
 from pbd.data import Calibration, HandPath, Keyframe, Known, Place
 from pbd.data.calibration import DOCK_SIGMA_M
+from pbd.errors import CalibrationError
 from pbd.files.demo import load_demo
 from pbd.pipeline import track
 from pbd.pose import Array, Pose, quat_exp, quat_inverse, quat_log, quat_multiply
@@ -139,7 +140,8 @@ def test_a_place_in_base_corrects_the_calibration_as_one_estimate_of_all_does(
     sigmas = np.sqrt(np.diagonal(cov - gain @ cov[rows]))
     assert_allclose(np.sqrt(np.diagonal(total_covariance(placed))), sigmas, rtol=0.05, atol=1e-9)
     for other in (replace(dock, T_base_dock=Pose.identity()), replace(dock, T_sensor_tool=Pose.identity())):
-        assert place_in_base(keyframes_of(path), other, path=path).update is None
+        with pytest.raises(CalibrationError, match=r"tracked with 'c': .* track it with the calibration"):
+            place_in_base(keyframes_of(path), other, path=path)
 
 
 def test_a_scale_that_points_showed_is_uncertain_at_a_distance() -> None:
