@@ -8,6 +8,7 @@ import numpy as np
 from pbd.calibration.dock import nav_in_base, with_heading_sigma
 from pbd.data import Calibration, Demonstration, HandPath, Known, Recording
 from pbd.errors import RecordingError, TrackingError, collected_warnings, listed, require_kind, require_type, warn
+from pbd.files.keyframes import ROUNDING_M
 from pbd.fusion.fuse import fused_path
 from pbd.lapack import one_blas_thread
 from pbd.pose import quat_inverse, quat_log, quat_multiply
@@ -107,11 +108,13 @@ def track(
     if method == "paper":
         return path
     try:
-        return _condition_on_known(path, demo.known, calibration)
+        path = _condition_on_known(path, demo.known, calibration)
     except TrackingError as reason:
         if demo.folder is None or not reason.message.startswith("demo.toml "):
             raise
         raise TrackingError(f"{demo.folder}/{reason.message}", **reason.fields) from None
+    _warn_of_edited_places(demo, path)
+    return path
 
 
 def _refuse_turned_dock(demo: Demonstration, path: HandPath, method: str) -> None:
@@ -150,6 +153,19 @@ def _warn_of_edited_times(demo: Demonstration, path: HandPath) -> None:
         moving = f"keyframe {at.index(None)} of keyframes.toml is in a move of the fused takes"
         again = "find them again (pbd keyframes DEMO --save --force), and edit those"
         warn(f"{moving}; if takes were added or changed since it was saved, its times no longer hold: {again}")
+
+
+def _warn_of_edited_places(demo: Demonstration, path: HandPath) -> None:
+    """Warn of edited keyframes that are elsewhere than what is known of their stops moves these to."""
+    known = {fit.stop for fit in path.claims}
+    at = [(path.stop_at(each.t), each.T_nav_sensor.p) for each in demo.keyframes or ()]
+    off = [p - path.p_nav_sensor[path.stops[k].start] for k, p in at if k is not None and k in known]
+    if (away := float(np.abs(off).max(initial=0.0))) > ROUNDING_M:
+        warn(
+            f"what demo.toml says of places and heights does not move the keyframes of keyframes.toml, up to "
+            f"{1e3 * away:.1f} mm: they were edited, or saved before, or with another calibration; `pbd keyframes DEMO "
+            "--save --force` finds them anew"
+        )
 
 
 def _condition_on_known(path: HandPath, known: Known, calibration: Calibration | None) -> HandPath:

@@ -16,9 +16,9 @@ from pbd.cli.console import print_json, say, working
 from pbd.data import Calibration, Demonstration, HandPath, Keyframe, Robot
 from pbd.errors import RecordingError, SensorError, UsageError, amount, listed, warn
 from pbd.files.calibration import load_calibration
-from pbd.files.demo import demo_folder, load_demo, newest_demo, shell_word, write_demo
+from pbd.files.demo import demo_folder, load_demo, newest_demo, write_demo
 from pbd.files.find_by_name import hides_bundled
-from pbd.files.keyframes import KEYFRAMES_FILE, ROUNDING_M, write_keyframes
+from pbd.files.keyframes import KEYFRAMES_FILE, write_keyframes
 from pbd.files.set_aside_demos import is_set_aside
 from pbd.io.atomic import atomic_file, is_file, refuse_file
 from pbd.io.made_by_pbd import refuse_others_file
@@ -82,18 +82,7 @@ def track_demonstration(
     keyframes = keyframes_of(path)
     if demo.keyframes is not None:
         say(f"keyframes as edited in {demo.folder}/keyframes.toml; dwell is how long the arm stays there")
-        if demo.folder is not None and _ignore_claims(keyframes, path):
-            again = f"`pbd keyframes {shell_word(demo.folder)} --save --force`"
-            say(f"what demo.toml says of places and heights does not move them in nav; {again} finds them anew")
     return path, keyframes
-
-
-def _ignore_claims(keyframes: Sequence[Keyframe], path: HandPath) -> bool:
-    """Whether an edited keyframe is elsewhere than what is known of its stop moves that stop to."""
-    known = {fit.stop for fit in path.claims}
-    at = [(path.stop_at(each.t), each.T_nav_sensor.p) for each in keyframes]
-    off = [p - path.p_nav_sensor[path.stops[k].start] for k, p in at if k is not None and k in known]
-    return bool(np.abs(off).max(initial=0.0) > ROUNDING_M)
 
 
 def named_calibration(args: argparse.Namespace) -> Calibration | None:

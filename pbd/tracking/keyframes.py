@@ -25,8 +25,8 @@ def keyframes_of(path: HandPath) -> tuple[Keyframe, ...]:
         return find_keyframes(path)
     keyframes = list(edited)
     for k, (keyframe, number) in enumerate(zip(edited, path.stop_numbers([each.t for each in edited]), strict=True)):
-        copied = keyframe.cov.any() and sum(np.array_equal(keyframe.cov, other.cov) for other in edited) > 1
-        if copied and number % 1.0:
+        in_move = keyframe.cov.any() and number % 1.0
+        if in_move and sum(np.array_equal(keyframe.cov, other.cov) for other in edited) > 1:
             keyframes[k] = replace(keyframe, cov=path.covariance.joint_at(np.array([number])))
     return tuple(keyframes)
 

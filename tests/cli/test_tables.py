@@ -249,7 +249,7 @@ def test_what_is_known_of_the_stops_after_keyframes_are_saved_is_said_not_to_mov
 ) -> None:
     assert main(["simulate", "pour", "back"]) == 0  # closed = true
     capsys.readouterr()
-    unmoved = "does not move them in nav; `pbd keyframes back --save --force` finds them anew"
+    unmoved = "warning: what demo.toml says of places and heights does not move the keyframes of keyframes.toml"
     for options, used in ([], True), (["--save"], True), ([], False), (["--save", "--force"], True):
         assert main(["keyframes", "back", *options]) == 0
         err = capsys.readouterr().err
