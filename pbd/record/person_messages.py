@@ -11,7 +11,7 @@ from pbd.errors import PbdError
 from pbd.pose import Array
 from pbd.record.session_types import Message
 from pbd.sensors.decoding import Sample
-from pbd.tracking.estimate import has_grip
+from pbd.tracking.estimate import has_grip, is_where_it_was
 from pbd.tracking.online.tracker import LiveEvent, LiveTracker, RestFound, StopBegan, StopEnded
 from pbd.tracking.repair.gyro_consistency import UPSIDE_DOWN_COS
 
@@ -22,8 +22,8 @@ class Feedback:
     def __init__(self, tolerance_m: float, errors: SensorErrors | None = None, sensor: str = "") -> None:
         self.tracker = LiveTracker(sensor, errors)
         self._announced = 0
-        self._left_s = 0.0  # when the hand left its last stop
-        self._moves: dict[int, tuple[float, float]] = {}
+        self._left: StopEnded | None = None
+        self._moves: dict[int, tuple[float, float, bool]] = {}  # began, ended, led back to where it began
         self._grips: list[float] = []
         self._tolerance_m = tolerance_m
         self._errors = errors
@@ -38,7 +38,8 @@ class Feedback:
     @property
     def stops(self) -> int:
         """Number of stops so far. A stop that a grip interrupts, as two taps do, counts once, as in `pbd.track`."""
-        return self._announced - sum(has_grip(left, arrived, self._grips) for left, arrived in self._moves.values())
+        moves = self._moves.values()
+        return self._announced - sum(back and has_grip(left, arrived, self._grips) for left, arrived, back in moves)
 
     def mark_grip(self, t: float) -> None:
         """Note that the grip changed at t s."""
@@ -101,8 +102,9 @@ class Feedback:
             self._field.clear()
         elif isinstance(event, StopBegan):
             self._announced, self._warned = event.index + 1, False
-            if not event.continues:
-                self._moves[event.index] = self._left_s, event.t
+            if self._left is not None and not event.continues:
+                shift = self._left.keyframe.T_nav_sensor.distance(event.keyframe.T_nav_sensor)
+                self._moves[event.index] = self._left.t, event.t, is_where_it_was(*shift)
             self._moves = {index: move for index, move in self._moves.items() if index <= event.index}
             if event.index:
                 text = f"stop {event.index} at {describe_stop(event.keyframe)}"
@@ -111,7 +113,7 @@ class Feedback:
                 # The same stop, with a better position, rings no second bell.
                 self.say(event.announced_t, text if event.continues else f"{text}: {advice}", bell=not event.continues)
         elif isinstance(event, StopEnded):
-            self._left_s = event.t
+            self._left = event
         else:
             self.say(event.t, event.message)
 

@@ -143,8 +143,8 @@ def _sensor_estimate(solution: Solution, first: int) -> SensorEstimate:
 def _join_stops(solution: Solution, believed: Sequence[int], grips: Sequence[float]) -> list[list[int]]:
     """Join stops that are parts of one: groups of indices into `problem.stops`.
 
-    Two stops are joined if one of the `grips` (s) is between or just before them, if the hand stayed where it was, or
-    if a knock divides them and the hand is where it was. Of a put-down that bounced only the longer stop is kept.
+    Two stops are joined if the hand stayed where it was, or if a knock or one of the `grips` (s) divides them and the
+    hand is where it was. Of a put-down that bounced only the longer stop is kept.
     """
     problem, t, p = solution.problem, solution.problem.frame.t, solution.state.p
     wxyz = solution.path.wxyz[[(start + stop) // 2 for start, stop in problem.stops]]
@@ -158,12 +158,12 @@ def _join_stops(solution: Solution, believed: Sequence[int], grips: Sequence[flo
         between = slice(problem.stops[before][1], problem.stops[k][0])
         moved, turned = _farthest(p_k[None], wxyz[k : k + 1], p_before, wxyz[before])
         away = _farthest(solution.path.p[between], solution.path.wxyz[between], p_before, wxyz[before])
-        knocked = short_gap and is_where_it_was(problem.noise, moved, turned)
-        stayed = knocked or is_where_it_was(problem.noise, *away)
+        returned = (short_gap or gripped) and is_where_it_was(moved, turned)
+        stayed = returned or is_where_it_was(*away)
         bounced = short_gap and min(left - begun, gone - arrived) < BOUNCE_S
-        if not (bounced or stayed or gripped) or moved > BOUNCE_M or turned > BOUNCE_RAD:
+        if not (bounced or stayed) or moved > BOUNCE_M or turned > BOUNCE_RAD:
             joined.append([k])
-        elif gripped or (stayed and not bounced):
+        elif gripped or not bounced:
             joined[-1].append(k)
         elif gone - arrived > left - begun:
             joined[-1][-1] = k
@@ -181,10 +181,10 @@ def has_grip(left: float, arrived: float, grips: Sequence[float]) -> bool:
     return arrived - left < GRIP_S and any(left - GRIP_S < at <= arrived for at in grips)
 
 
-def is_where_it_was(noise: Noise, moved: float, turned: float) -> bool:
+def is_where_it_was(moved: float, turned: float) -> bool:
     """Whether a displacement (m) and a turn (rad) are so small that the hand stood still, except for a knock."""
-    max_shift = OUTLIER_SIGMAS * noise.still_shift
-    return moved < max_shift and turned < max_shift / noise.pivot_distance
+    max_shift = OUTLIER_SIGMAS * Noise.still_shift
+    return moved < max_shift and turned < max_shift / Noise.pivot_distance
 
 
 def _with_still_stops(
@@ -195,7 +195,7 @@ def _with_still_stops(
     How far a stop creeps is distributed over the moves beside it. Between joined parts that were shaken, attitude is
     held.
     """
-    path, t, noise = solution.path, solution.problem.frame.t, solution.problem.noise
+    path, t = solution.path, solution.problem.frame.t
     p, places = path.p - p_stop[0], p_stop - p_stop[0]
     first, last = (places - p[rows] for rows in ([stop.start for stop in stops], [stop.stop - 1 for stop in stops]))
     shift, faster = between_stops(t, stops, first, last)
@@ -204,7 +204,7 @@ def _with_still_stops(
         p[stop.start : stop.stop], v[stop.start : stop.stop] = place, 0.0
         for (_, left), (arrived, _) in pairwise(solution.problem.stops[k] for k in parts):
             shaken = _farthest(path.p[left:arrived], path.wxyz[left:arrived], path.p[left - 1], path.wxyz[left - 1])
-            if not is_where_it_was(noise, *shaken):
+            if not is_where_it_was(*shaken):
                 wxyz[left:arrived] = wxyz[left - 1]
     return SensorPath(wxyz, v, p, path.a)
 

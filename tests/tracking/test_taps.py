@@ -146,3 +146,10 @@ def test_a_hand_that_comes_back_at_once_only_gripped(away_s: float, stops: int) 
     assert len(path.stops) == stops
     assert path.stops[0].start == 0
     assert path.t[path.stops[-2].stop] > 3.0 + away_s - 0.2  # nothing is lost of the rest after
+
+
+def test_a_move_of_a_centimetre_beside_a_grip_is_kept() -> None:
+    """Pulling off what was just let go: the mark is half a second before the move."""
+    there = Waypoint((0.2, 0.0, 0.0), move_s=1.0, rest_s=0.9, grip=True)
+    off, onward = Waypoint((0.2, 0.0, 0.01), move_s=0.5, rest_s=0.7), Waypoint((0.0, 0.0, 0.1), move_s=1.0, rest_s=1.0)
+    assert len(track(simulate(Task("off", (Waypoint(rest_s=2.0), there, off, onward)), "modern", 1)).stops) == 4

@@ -246,7 +246,7 @@ class LiveHand:
         # As `_join_stops` does; but how long the hand will stand here is not known yet.
         short_gap = (gap := first.t - before.last.t) < BOUNCE_S
         # Both ends of a knock are seen up to a block too far away from it.
-        knocked = gap < BOUNCE_S + 2.0 * BLOCK_S and is_where_it_was(self._noise, moved, turned)
+        knocked = gap < BOUNCE_S + 2.0 * BLOCK_S and is_where_it_was(moved, turned)
         bounced = short_gap and before.duration_s < BOUNCE_S
         continues = (trial.jolted or knocked or bounced) and moved < BOUNCE_M and turned < BOUNCE_RAD
         if continues:
