@@ -17,6 +17,9 @@ from pbd.planning import PlanOptions, arm_of, choose_joints, plan_keyframes, pla
 from pbd.planning.object_frames import ThingPlace, nearest_working_place
 from pbd.planning.task import PlanningTask
 from pbd.pose import Pose
+from pbd.simulation.hand_motion import Waypoint
+from pbd.simulation.simulate import simulate
+from pbd.simulation.tasks import Task
 from tests.cli.run_command import Capture, run
 from tests.not_none import not_none
 from tests.planned_keyframes import PANDA, TURN, UR5, dock, keyframe, low, planned
@@ -145,3 +148,21 @@ def test_the_place_that_is_advised_is_the_nearest_that_works() -> None:
     assert found is not None
     assert 0.38 < found.p_base[0] <= 0.4
     assert (*found.p_base[1:], found.turn_rad) == pytest.approx((0.2, -0.1, 0.4 * (found.p_base[0] - 0.1)))
+
+
+@pytest.mark.parametrize(
+    ("degrees", "arm_m", "did"),
+    [(90.0, 0.2, "left the straight line by 5.9 cm"), (270.0, 0.0, "turned by 270 degrees instead of 90")],
+    ids=["a crank", "a knob"],
+)
+def test_a_move_on_which_the_hand_went_round_or_turned_is_named(degrees: float, arm_m: float, did: str) -> None:
+    """Straight from stop to stop, that is lost."""
+    turn = Waypoint(turn=(0.0, 0.0, np.radians(degrees)), move_s=1.5, rest_s=1.0)
+    task = Task("turn", (Waypoint(rest_s=2.0), turn), p_sensor_point=(0.0, arm_m, 0.0))
+    path = track(simulate(task).recording)
+    straight, demo = (
+        [each for each in remarks(plan_path(path, not_none(UR5.dock), UR5, options), None) if did in each]
+        for options in (PlanOptions(), PlanOptions(path="demo"))
+    )
+    assert straight == [f"between keyframes 0 and 1 the hand {did}; only --path demo follows the hand"]
+    assert demo == []

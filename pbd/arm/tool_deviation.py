@@ -1,4 +1,4 @@
-"""How far the tool deviates from its direct path on a straight move in joint space: by rotation and by distance."""
+"""How far the path of a tool, or of a hand, deviates from the direct one: by rotation and by distance."""
 
 import math
 from dataclasses import dataclass
@@ -13,12 +13,13 @@ WIDE_TURN_RAD = math.radians(30.0)
 WIDE_STRAY_M, WIDE_STRAY_SHARE = 0.1, 0.25
 """A move is wide if the tool leaves the straight line by more than this distance, m, plus this share of the line."""
 
-_SAMPLES = 33  # configurations along a move at which the tool is measured, both ends included
+SAMPLES = 33
+"""Number of poses along a move that are measured, both ends included."""
 
 
 @dataclass(frozen=True)
 class ToolDeviation:
-    """The tool's motion on a straight move in joint space.
+    """A motion from one keyframe to the next.
 
     Attributes:
         turn_rad: total rotation along the move.
@@ -50,9 +51,13 @@ class ToolDeviation:
 
 def tool_deviations(arm: ArmModel, q_before: Array, q: Array) -> list[ToolDeviation]:
     """Measure the straight moves from rows of joints (n, k) to rows (n, k)."""
-    along = q_before[:, None] + np.linspace(0.0, 1.0, _SAMPLES)[:, None] * (q - q_before)[:, None]
+    along = q_before[:, None] + np.linspace(0.0, 1.0, SAMPLES)[:, None] * (q - q_before)[:, None]
     p, R = arm.forward_many(along.reshape(-1, q.shape[1]))
-    p, R = p.reshape(len(q), _SAMPLES, 3), R.reshape(len(q), _SAMPLES, 3, 3)
+    return path_deviations(p.reshape(len(q), SAMPLES, 3), R.reshape(len(q), SAMPLES, 3, 3))
+
+
+def path_deviations(p: FloatArray, R: FloatArray) -> list[ToolDeviation]:
+    """Measure n paths: positions (n, m, 3), rotations (n, m, 3, 3)."""
     turns, direct = _angles(R[:, :-1], R[:, 1:]).sum(axis=1), _angles(R[:, 0], R[:, -1])
     lines = np.linalg.norm(p[:, -1] - p[:, 0], axis=1)
     return [

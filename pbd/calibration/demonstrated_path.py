@@ -51,7 +51,7 @@ def demonstrated_moves(
     scale *= calibration.scale
     moves = []
     for (before, after), (start, end) in zip(pairwise(keyframes), pairwise(T_base_tool), strict=True):
-        t, p, wxyz = _samples_of_move(path, before, after)
+        t, p, wxyz = samples_of_move(path, before, after)
         p, wxyz = T_base_nav.act(scale * p), quat_multiply(T_base_nav.wxyz, wxyz)
         if fixed:
             wxyz = np.tile(start.wxyz, (len(p), 1))
@@ -65,7 +65,7 @@ def demonstrated_moves(
     return tuple(moves)
 
 
-def _samples_of_move(path: HandPath, before: Keyframe, after: Keyframe) -> tuple[Array, Array, Array]:
+def samples_of_move(path: HandPath, before: Keyframe, after: Keyframe) -> tuple[Array, Array, Array]:
     """Return t, p_nav_sensor and wxyz_nav_sensor of a move, from the last sample of a rest to the first of the next."""
     start, end = path.rest_at(before.t)[1], path.rest_at(after.t)[0]
     inside = (path.t >= start - 1e-6) & (path.t <= end + 1e-6)

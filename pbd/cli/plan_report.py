@@ -10,15 +10,15 @@ from pbd.cli.console import working
 from pbd.data import Load
 from pbd.files.find_by_name import origin
 from pbd.planning import Plan, PlanOptions, can_plan
-from pbd.planning.result import place_remark, robot_remark, size_remark, table_remark
+from pbd.planning.result import hand_deviations, place_remark, robot_remark, size_remark, table_remark
 
 STRAY_M = 0.01
 """Smallest distance of the tool from a straight line, m, that is reported."""
 
 
 def remarks(plan: Plan, calibration: str | None) -> list[str]:
-    """Return the remarks on a plan: its place, size, table, torques, curved moves, how far the tool strays."""
-    found = whole_motion_remarks(plan, calibration)
+    """Return the remarks on a plan: its place, size, table, torques, curved moves, how far hand and tool stray."""
+    found = [*whole_motion_remarks(plan, calibration), *_hand_remark(plan)]
     for i, move in enumerate(plan.segments):
         if (hit := move.avoided) is not None and move.kind != "detour":  # planning reports detours
             how = "as the hand went" if move.kind == "demo" else "along a line"
@@ -42,6 +42,24 @@ def remarks(plan: Plan, calibration: str | None) -> list[str]:
         how = can if straight else f"{plan.robot.name} can't keep it straight from this dock"
     strays = f"the tool strays {100.0 * off_m:.1f} cm from a straight line"
     return [*found, f"between keyframes {worst - 1} and {worst} {strays}; {how}"]
+
+
+def _hand_remark(plan: Plan) -> list[str]:
+    """Return on which move the hand left the direct way most, if there are any on which the arm does not follow it."""
+    left = [
+        (hand.turns, hand.turn_rad if hand.turns else hand.off_line_m, i, hand)
+        for i, hand in enumerate(hand_deviations(plan), start=1)
+        if (hand.turns or hand.off_line_m >= STRAY_M) and plan.segments[i].kind != "demo"
+    ]
+    if not left:
+        return []
+    turns, _, worst, hand = max(left)
+    with working("trying the hand's path"):
+        follows = can_plan(plan, replace(plan.options, path="demo", tolerance_m=None))
+    how = "only --path demo follows the hand" if follows else f"{plan.robot.name} can't follow the hand from this dock"
+    turned = f"turned by {math.degrees(hand.turn_rad):.0f} degrees instead of {math.degrees(hand.direct_rad):.0f}"
+    did = turned if turns else f"left the straight line by {100.0 * hand.off_line_m:.1f} cm"
+    return [f"between keyframes {worst - 1} and {worst} the hand {did}; {how}"]
 
 
 def whole_motion_remarks(plan: Plan, calibration: str | None) -> list[str]:

@@ -4,20 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
+import numpy as np
+
+from pbd.calibration.demonstrated_path import samples_of_move
 from pbd.calibration.tool_poses import KeyframesInBase
 from pbd.data import Calibration, Demonstration, GraspedObject, HandPath, JointTrajectory, Keyframe, Robot
 from pbd.data.one_line_repr import brief
 from pbd.errors import PlanError, amount, warn
 from pbd.files.find_by_name import hides_bundled
 from pbd.planning.options import PlanOptions
-from pbd.pose import Array, Pose
+from pbd.pose import Array, Pose, quat_rotate, quat_to_matrix
 
 if TYPE_CHECKING:
     from pbd.arm.collision.motion_check import MotionHit
     from pbd.arm.collision.scene import CollisionScene
     from pbd.arm.motion_request import Segment
+    from pbd.arm.tool_deviation import ToolDeviation
     from pbd.audit.audit import AuditReport
 
 STRETCHED_RATIO = 1.02
@@ -98,6 +103,24 @@ class Plan:
     def __repr__(self) -> str:
         touches = "" if self.touching is None else "touches something"
         return brief(self, repr(self.trajectory), touches)
+
+
+def hand_deviations(plan: Plan) -> list[ToolDeviation]:
+    """Measure how the hand went to each keyframe but the first, whatever the arm does; none if it is unknown."""
+    from pbd.arm.tool_deviation import SAMPLES, path_deviations
+
+    if plan.hand_path is None:
+        return []
+    found, mount = [], plan.placed.calibration.T_sensor_tool
+    fixed = plan.options.orientation == "fixed"
+    for before, after in pairwise(plan.keyframes):
+        t, p, wxyz = samples_of_move(plan.hand_path, before, after)
+        at = np.linspace(0, len(t) - 1, SAMPLES).round().astype(int)
+        p, wxyz = plan.scale * p[at], wxyz[at]
+        if fixed:
+            wxyz = np.tile(wxyz[:1], (SAMPLES, 1))
+        found += path_deviations((p + quat_rotate(wxyz, mount.p))[None], quat_to_matrix(wxyz)[None])
+    return found
 
 
 def robot_remark(robot: Robot) -> str:
