@@ -1,5 +1,6 @@
 """The advice in a refusal has been tried and works, and messages about a motion are true."""
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -166,3 +167,16 @@ def test_a_move_on_which_the_hand_went_round_or_turned_is_named(degrees: float, 
     )
     assert straight == [f"between keyframes 0 and 1 the hand {did}; only --path demo follows the hand"]
     assert demo == []
+
+
+def test_a_long_stay_that_the_arm_cuts_is_named() -> None:
+    """A pour is held for seconds; two seconds and less are what anybody stops for."""
+    there = [Waypoint((0.1 * i, 0.0, 0.0), move_s=1.0, rest_s=s) for i, s in enumerate((1.7, 4.0, 9.0), start=1)]
+    path = track(simulate(Task("pour", (Waypoint(rest_s=9.0), *there))).recording)
+    cut, kept = (
+        [each for each in remarks(plan_path(path, not_none(UR5.dock), UR5, options), None) if "stayed" in each]
+        for options in (PlanOptions(), PlanOptions(dwell_s=5.0))
+    )
+    assert len(cut) == 1
+    assert re.match(r"the hand stayed 4\.\d s at keyframe 2, the arm 0\.5 s; --dwell [45] keeps all stays, ", cut[0])
+    assert kept == []

@@ -10,15 +10,19 @@ from pbd.cli.console import working
 from pbd.data import Load
 from pbd.files.find_by_name import origin
 from pbd.planning import Plan, PlanOptions, can_plan
+from pbd.planning.options import dwells
 from pbd.planning.result import hand_deviations, place_remark, robot_remark, size_remark, table_remark
 
 STRAY_M = 0.01
 """Smallest distance of the tool from a straight line, m, that is reported."""
 
+ASKED_REST_S = 2.0
+"""s: the longest rest that a person is asked for, the first one. A longer stay is part of the task."""
+
 
 def remarks(plan: Plan, calibration: str | None) -> list[str]:
     """Return the remarks on a plan: its place, size, table, torques, curved moves, how far hand and tool stray."""
-    found = [*whole_motion_remarks(plan, calibration), *_hand_remark(plan)]
+    found = [*whole_motion_remarks(plan, calibration), *_hand_remark(plan), *_stay_remark(plan)]
     for i, move in enumerate(plan.segments):
         if (hit := move.avoided) is not None and move.kind != "detour":  # planning reports detours
             how = "as the hand went" if move.kind == "demo" else "along a line"
@@ -60,6 +64,17 @@ def _hand_remark(plan: Plan) -> list[str]:
     turned = f"turned by {math.degrees(hand.turn_rad):.0f} degrees instead of {math.degrees(hand.direct_rad):.0f}"
     did = turned if turns else f"left the straight line by {100.0 * hand.off_line_m:.1f} cm"
     return [f"between keyframes {worst - 1} and {worst} the hand {did}; {how}"]
+
+
+def _stay_remark(plan: Plan) -> list[str]:
+    """Return the longest stay of the hand on the way, if it was meant and the arm's is shorter."""
+    arm_s, inner = dwells(plan.keyframes, plan.options), range(1, len(plan.keyframes) - 1)
+    longest = max(inner, key=lambda i: plan.keyframes[i].dwell_s, default=0)
+    hand_s = plan.keyframes[longest].dwell_s
+    if longest == 0 or hand_s <= max(ASKED_REST_S, arm_s[longest]):
+        return []
+    keeps = f"--dwell {math.ceil(hand_s)} keeps all stays, dwell_s in keyframes.toml this one"
+    return [f"the hand stayed {hand_s:.1f} s at keyframe {longest}, the arm {arm_s[longest]:.1f} s; {keeps}"]
 
 
 def whole_motion_remarks(plan: Plan, calibration: str | None) -> list[str]:
