@@ -144,7 +144,8 @@ def _join_stops(solution: Solution, believed: Sequence[int], grips: Sequence[flo
     """Join stops that are parts of one: groups of indices into `problem.stops`.
 
     Two stops are joined if the hand stayed where it was, or if a knock or one of the `grips` (s) divides them and the
-    hand is where it was. Of a put-down that bounced only the longer stop is kept.
+    hand is where it was (beside a grip: or near there, if it sways in one of the stops). Of a put-down that bounced
+    only the longer stop is kept.
     """
     problem, t, p = solution.problem, solution.problem.frame.t, solution.state.p
     wxyz = solution.path.wxyz[[(start + stop) // 2 for start, stop in problem.stops]]
@@ -159,7 +160,8 @@ def _join_stops(solution: Solution, believed: Sequence[int], grips: Sequence[flo
         moved, turned = _farthest(p_k[None], wxyz[k : k + 1], p_before, wxyz[before])
         away = _farthest(solution.path.p[between], solution.path.wxyz[between], p_before, wxyz[before])
         returned = (short_gap or gripped) and is_where_it_was(moved, turned)
-        stayed = returned or is_where_it_was(*away)
+        sways = gripped and not all(is_where_it_was(*_sway(solution.path, problem.stops[i])) for i in (before, k))
+        stayed = returned or sways or is_where_it_was(*away)
         bounced = short_gap and min(left - begun, gone - arrived) < BOUNCE_S
         if not (bounced or stayed) or moved > BOUNCE_M or turned > BOUNCE_RAD:
             joined.append([k])
@@ -174,6 +176,12 @@ def _farthest(p: Array, wxyz: Array, from_p: Array, from_wxyz: Array) -> tuple[f
     """Largest distance (m) and angle (rad) of poses p (n, 3) and wxyz (n, 4) from one pose; zeros if there is none."""
     turns = quat_log(quat_multiply(wxyz, quat_inverse(from_wxyz)))
     return float(lengths(p - from_p).max(initial=0.0)), float(lengths(turns).max(initial=0.0))
+
+
+def _sway(path: SensorPath, stop: tuple[int, int]) -> tuple[float, float]:
+    """How far (m) and by how much (rad) the hand sways in a stop, from its middle."""
+    p, wxyz = path.p[slice(*stop)], path.wxyz[slice(*stop)]
+    return _farthest(p, wxyz, np.median(p, axis=0), wxyz[len(wxyz) // 2])
 
 
 def has_grip(left: float, arrived: float, grips: Sequence[float]) -> bool:
