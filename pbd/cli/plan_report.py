@@ -16,6 +16,9 @@ from pbd.planning.result import hand_deviations, place_remark, robot_remark, siz
 STRAY_M = 0.01
 """Smallest distance of the tool from a straight line, m, that is reported."""
 
+REACH_CURVES = 0.1
+"""Share of a reach's length by which people leave the straight line unawares (Atkeson and Hollerbach, 1985)."""
+
 ASKED_REST_S = 2.0
 """s: the longest rest that a person is asked for, the first one. A longer stay is part of the task."""
 
@@ -53,7 +56,7 @@ def _hand_remark(plan: Plan) -> list[str]:
     left = [
         (hand.turns, hand.turn_rad if hand.turns else hand.off_line_m, i, hand)
         for i, hand in enumerate(hand_deviations(plan), start=1)
-        if (hand.turns or hand.off_line_m >= STRAY_M) and plan.segments[i].kind != "demo"
+        if (hand.turns or hand.off_line_m > STRAY_M + REACH_CURVES * hand.line_m) and plan.segments[i].kind != "demo"
     ]
     if not left:
         return []
