@@ -49,7 +49,7 @@ def run(args: argparse.Namespace) -> None:
     robot, calibration = (
         load_robot_and_calibration(args.robot, args.calibration) if args.robot else (None, named_calibration(args))
     )
-    path, keyframes = _track(args, demo, calibration)
+    path, found, keyframes = _track(args, demo, calibration)
     rows = list(map(_row, range(len(keyframes)), keyframes, keyframe_sigmas([each.cov for each in keyframes])))
     placed, below = None, list[str | Table]()  # what is printed below the keyframes
     if calibration is not None and (calibration.knows_start or args.tolerance is not None):
@@ -68,6 +68,8 @@ def run(args: argparse.Namespace) -> None:
         placing = place_remark(robot, calibration, args.calibration), size_remark(robot, calibration, args.scale)
         for remark in filter(None, (robot_remark(robot), *placing)):
             say(remark)
+    if args.save or args.frame:
+        _save(args, demo, found, keyframes)
     result = {
         "demo": demo.recording.info.name,
         "keyframes": rows,
@@ -83,20 +85,19 @@ def run(args: argparse.Namespace) -> None:
 
 def _track(
     args: argparse.Namespace, demo: Demonstration, calibration: Calibration | None
-) -> tuple[HandPath, tuple[Keyframe, ...]]:
-    """Track as --method says; save the keyframes and assign them to things as --save and --frame say."""
-    path, keyframes = track_demonstration(args, demo, calibration)
+) -> tuple[HandPath, tuple[Keyframe, ...], tuple[Keyframe, ...]]:
+    """Track as --method says; return the keyframes as found, and as they are printed: assigned to things by --frame."""
+    path, found = track_demonstration(args, demo, calibration)
     if path.claims and demo.keyframes is None:
         fits = (f"{fit.saying} (off by {100.0 * fit.off_m:.1f} cm, {fit.sigmas:.1f} sigma)" for fit in path.claims)
         say(f"using: {'; '.join(fits)}")
-    if args.save or args.frame:
-        keyframes = _assign_frames(args, demo, keyframes)
+    keyframes = _assign_frames(args, found)
     if args.method == "paper" and demo.keyframes is None:
         if args.tolerance is not None:
             raise UsageError("--tolerance needs an uncertainty, which the paper's method has not; use --method default")
         say("the paper's method gives no uncertainty, so there is no σ")
         keyframes = tuple(replace(keyframe, cov=np.zeros((6, 6))) for keyframe in keyframes)
-    return path, keyframes
+    return path, found, keyframes
 
 
 def _load_recorded(args: argparse.Namespace) -> Demonstration:
@@ -184,17 +185,14 @@ def _row(index: int, keyframe: Keyframe, sigma: Array) -> dict[str, Any]:
     }
 
 
-def _assign_frames(
-    args: argparse.Namespace, demo: Demonstration, keyframes: tuple[Keyframe, ...]
-) -> tuple[Keyframe, ...]:
-    """Assign keyframes to things as --frame says, in keyframes.toml; write that file first if it is missing, or --save.
+def _assign_frames(args: argparse.Namespace, keyframes: tuple[Keyframe, ...]) -> tuple[Keyframe, ...]:
+    """Assign keyframes to things as --frame says.
 
     Raises:
-        RecordingError: there is no keyframe of that number, or nothing can be saved there.
+        RecordingError: there is no keyframe of that number.
         UsageError: the thing is unknown, or a keyframe would belong to two things that do not carry each other.
     """
-    things = {names[0] for names, *_ in args.frame}
-    known = sorted(things.union(keyframes_of_things(keyframes)))
+    known = sorted({names[0] for names, *_ in args.frame}.union(keyframes_of_things(keyframes)))
     refuse_unknown_things((name for names, *_ in args.frame for name in names), known)
     frames: dict[int, tuple[str, ...]] = {}
     for names, first, last in args.frame:
@@ -209,13 +207,24 @@ def _assign_frames(
             frames[number] = inner
     marked = tuple(replace(each, frames=frames.get(k, each.frames)) for k, each in enumerate(keyframes))
     thing_carriers(marked)
-    if args.save or demo.keyframes is None:
-        save_keyframes(args, demo, keyframes)
-    if frames and demo.folder is not None:
-        file = demo.folder / KEYFRAMES_FILE
-        set_frames(file, frames)
-        say(f"{file} says which keyframes belong to {listed(things)}")
-        for number, names in frames.items():
-            for before in set(keyframes[number].frames) - set(names):
-                say(f"keyframe {number} belonged to {before} and no longer does")
     return marked
+
+
+def _save(
+    args: argparse.Namespace, demo: Demonstration, found: tuple[Keyframe, ...], marked: tuple[Keyframe, ...]
+) -> None:
+    """Write keyframes.toml with --save or if it is missing; write into it which keyframes --frame assigned to things.
+
+    Raises:
+        RecordingError: nothing can be saved there.
+    """
+    if args.save or demo.keyframes is None:
+        save_keyframes(args, demo, found)
+    if args.frame and demo.folder is not None:
+        file = demo.folder / KEYFRAMES_FILE
+        assigned = {k: marked[k].frames for _, first, last in args.frame for k in range(first, last + 1)}
+        set_frames(file, assigned)
+        say(f"{file} says which keyframes belong to {listed(dict.fromkeys(names[0] for names, *_ in args.frame))}")
+        for number, names in assigned.items():
+            for before in set(found[number].frames) - set(names):
+                say(f"keyframe {number} belonged to {before} and no longer does")
