@@ -142,7 +142,7 @@ def check_one(name: str, arm: tuple[Robot, Calibration] | None = None, accept_ga
         try:
             demo = load_demo(name)
             check = replace(check, duration_s=float(demo.recording.t[-1]))
-            path = track(demo, accept_gap=accept_gap)
+            path = track(demo, calibration=arm and arm[1], accept_gap=accept_gap)
             plot = demo_values(path, remarks)
             check_count(plot.keyframes)
         except PbdError as error:

@@ -153,6 +153,14 @@ def test_what_stops_the_robot_is_told(takes: list[str]) -> None:
     assert check.findings == check_all(takes[:1])[0].findings
 
 
+def test_places_known_in_base_are_used_on_the_robots_dock(takes: list[str]) -> None:
+    with Path("demos/tea1/demo.toml").open("a") as file:
+        file.write("[[place]]\nt_s = [0.5]\nposition_m = [0.45, -0.15, 0.25]\n")  # panda's own dock
+    alone, planned = check_one("tea1"), check_all(["tea1"], robot="panda")[0]
+    assert "it counts with --calibration or --robot" in str(alone.findings)
+    assert planned.findings == ()
+
+
 def test_what_the_plan_warns_of_is_told(takes: list[str]) -> None:
     """Five joints can't turn the gripper as the hand did: the motion is audited all the same, so a person must look."""
     write_demo(simulate(random_task(seed=2, moves=6), "os5000", seed=2), Path("demos/turns"))
