@@ -45,7 +45,6 @@ def run(args: argparse.Namespace) -> None:
         from pbd.plots.compare_figures import FUSION_FIGURES
 
         files = write_figures(args.plot, "png", FUSION_FIGURES, lambda name: FUSION_FIGURES[name](fusion))
-    write_demo(demo, folder, force=args.force)
     saved = {}
     if args.save_calibration:
         errors, figures = device_errors(path)
@@ -53,6 +52,7 @@ def run(args: argparse.Namespace) -> None:
         update_calibration(file, sensor_parts(errors, figures))
         saved = {"calibration": str(file)}
         say(f"{file}: [sensor] of '{errors.sensor}' from {amount(int(figures['takes']), 'take')}")
+    write_demo(demo, folder, force=args.force)
     keyframes, used = amount(len(path.stops), "keyframe"), sum(not take.left_out for take in fusion.takes)
     takes_used = f"{len(demo.takes)} takes" if used == len(demo.takes) else f"{used} of {len(demo.takes)} takes"
     say(f"wrote {folder}: {takes_used}, {keyframes}; it is a demonstration like any other")

@@ -65,6 +65,8 @@ def _note(found: ProbeResult) -> str:
 
 def _prepare_phone(args: argparse.Namespace) -> None:
     """Write the experiment, or a picture of its QR code; at a terminal also show the codes."""
+    if args.probe or args.port or args.csv:
+        raise UsageError("--probe, --port and --csv are for sensors on a cable: pbd sensors")
     file: Path = args.output or Path(EXPERIMENT_FILE)
     kind = file.suffix.lower().lstrip(".")
     if kind not in ("phyphox", "png", "svg"):

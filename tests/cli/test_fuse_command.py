@@ -56,6 +56,13 @@ def test_a_fused_demonstration_is_one_like_any_other(capsys: Capture) -> None:
     np.testing.assert_allclose([not_none(one.tolerance_m) for one in saved[1:]], learned[1:], atol=5e-5)
 
 
+def test_nothing_is_written_if_the_calibration_can_not_be(capsys: Capture) -> None:
+    Path("calibration").mkdir(exist_ok=True)
+    Path("calibration/broken.toml").write_text("format = ")
+    assert run(capsys, "fuse", "tea1", "tea2", "-o", "half", "--save-calibration", "broken")[0] == 1
+    assert not Path("demos/half").exists()
+
+
 def test_a_sensor_that_was_never_turned_is_said_to_keep_its_errors(capsys: Capture) -> None:
     told = "the sensor was held alike in all takes, so fusing can't remove its own errors"
     assert told in run(capsys, "fuse", "tea1", "alike", "-o", "unturned")[2]

@@ -42,6 +42,12 @@ def test_the_code_in_a_picture_is_the_experiment(elsewhere: Path, capsys: Captur
     assert in_the_app([read.bytes]) == experiment()
 
 
+def test_what_is_about_a_cable_is_refused_for_a_phone(elsewhere: Path, capsys: Capture) -> None:
+    code, _, err = run(capsys, "sensors", "phyphox", "--probe")
+    assert (code, list(Path().iterdir())) == (2, [])
+    assert "--probe, --port and --csv are for sensors on a cable" in err
+
+
 @pytest.mark.parametrize("count", [1, 3, 6])
 def test_several_codes_make_one_experiment(count: int) -> None:
     read = []
