@@ -97,8 +97,14 @@ def test_a_dock_where_a_demonstration_stopped(capsys: Capture) -> None:
         capsys, 1, "calibrate", "dock", "shelf", "--from-keyframe", "pouring", "11", "--calibration", "bench"
     )
     assert line == "pbd: pouring has the keyframes 0 to 10, not '11'; `pbd keyframes pouring` lists them"
-    line = refused(capsys, 1, "calibrate", "dock", "none", "--from-keyframe", "pouring", "1")
-    assert line.startswith("pbd: the calibration 'none' does not say where the hand starts, so it is unknown")
+
+
+@pytest.mark.parametrize("itself", [(), ("--calibration", "bench")])
+def test_a_dock_is_not_measured_from_itself(capsys: Capture, itself: tuple[str, ...]) -> None:
+    """The same command twice would move it twice."""
+    run(capsys, *DOCK)
+    line = refused(capsys, 1, "calibrate", "dock", "bench", "--from-keyframe", "pouring", "4", *itself)
+    assert line.startswith("pbd: 'bench' is to be written, so it can't say where the hand started in pouring; ")
 
 
 def test_a_measured_dock_says_where_the_pendants_base_points(capsys: Capture) -> None:

@@ -85,10 +85,10 @@ def _pose(args: argparse.Namespace, robot: Robot | None, calibration: Calibratio
         pose = _tool_at_joints(args.joints, robot) @ calibration.T_sensor_tool.inverse()
         return pose, np.zeros((6, 6)), "where the robot's tool stands at those joints"
     name, index = args.from_keyframe
-    through = load_calibration(args.calibration) if args.calibration else calibration
-    if not (args.calibration or calibration.knows_start):
-        what = f"the calibration '{args.name}' does not say where the hand starts, so it is unknown where {name} did"
-        raise CalibrationError(f"{what}; name another one with --calibration")
+    if args.calibration in (None, args.name):  # else each run would move the dock on
+        what = f"'{args.name}' is to be written, so it can't say where the hand started in {name}"
+        raise CalibrationError(f"{what}; name the calibration that does with --calibration")
+    through = load_calibration(args.calibration)
     path = track_with(args, load_demo(name), through)
     keyframes = keyframes_of(path)
     if not (index.isdigit() and int(index) < len(keyframes)):

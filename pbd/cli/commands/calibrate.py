@@ -54,7 +54,7 @@ def dock(parser: ArgumentParser) -> None:
     option(where, "--from-keyframe", ("DEMO", "K"), "where demonstration DEMO stopped at its keyframe K", nargs=2)
     rpy = "with --position: roll, pitch, yaw, degrees (as in CALIBRATION's dock, else 0 0 0)"
     option(parser, "--rpy", ("R", "P", "Y"), rpy, nargs=3, type=finite)
-    option(parser, "--calibration", "C", "calibration to track --from-keyframe with (CALIBRATION)")
+    option(parser, "--calibration", "C", "with --from-keyframe: the calibration from whose start DEMO began")
     option(parser, "--robot", "R", "robot of --joints; checks that it reaches the dock")
     _add_placing(parser)
     flag(parser, "--force", REPLACE_PART)
