@@ -6,7 +6,7 @@ from dataclasses import replace
 from pbd.cli.common import named_calibration, print_result, say_if_hiding_bundled, without_aside, write_figures
 from pbd.cli.console import say, working
 from pbd.errors import UsageError, amount, listed
-from pbd.files.calibration_edit import calibration_file, sensor_parts, update_calibration
+from pbd.files.calibration_edit import calibration_to_update, sensor_parts, update_calibration, warn_of_nav
 from pbd.files.demo import (
     demo_folder,
     load_demo,
@@ -48,7 +48,8 @@ def run(args: argparse.Namespace) -> None:
     saved = {}
     if args.save_calibration:
         errors, figures = device_errors(path)
-        file = calibration_file(args.save_calibration)
+        file, before = calibration_to_update(args.save_calibration)
+        warn_of_nav(file, before)
         update_calibration(file, sensor_parts(errors, figures))
         saved = {"calibration": str(file)}
         say(f"{file}: [sensor] of '{errors.sensor}' from {amount(int(figures['takes']), 'take')}")

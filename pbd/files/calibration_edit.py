@@ -11,7 +11,7 @@ import tomlkit
 from tomlkit.items import Table
 
 from pbd.data import Calibration, SensorErrors
-from pbd.errors import CalibrationError
+from pbd.errors import CalibrationError, warn
 from pbd.files.calibration import parse_calibration, read_calibration
 from pbd.files.find_by_name import bundled
 from pbd.io.atomic import write_text
@@ -33,7 +33,7 @@ def calibration_file(name: str) -> Path:
     word = path.name.removesuffix(".toml")
     upwards = ".." in path.parts and path.suffix != ".toml"
     if not word or name.startswith("~") or upwards or any(c.isspace() or not c.isprintable() for c in word):
-        advice = "give a word without spaces, or a path that ends in .toml"
+        advice = "give a path that ends in .toml" if upwards else "give a word without spaces"
         raise CalibrationError(f"'{name}' can't be a calibration's name; {advice}", value=name)
     if path.suffix != ".toml":
         path = path.with_name(path.name + ".toml")
@@ -102,6 +102,15 @@ def calibration_to_update(name: str) -> tuple[Path, Calibration]:
     path = calibration_file(name)
     source = _source(path)
     return path, Calibration(path.stem) if source is None else read_calibration(source)
+
+
+def warn_of_nav(path: Path, calibration: Calibration) -> None:
+    """Warn if a calibration has a [nav], which other sensor errors make wrong; `path` is its file."""
+    if calibration.T_base_nav is not None:
+        warn(
+            f"the [nav] of {path} holds for the sensor as it was read before: with other errors, nav has another "
+            "heading and tilt; find it again: pbd calibrate points"
+        )
 
 
 def earlier_fit(calibration: Calibration, part: str) -> dict[str, float]:

@@ -205,7 +205,7 @@ def test_fused_takes_are_not_one_recording_of_sides(capsys: Capture) -> None:
     Path("demos/both").mkdir()
     Path("demos/both/demo.toml").write_text(f'format = 1\nname = "both"\nsensor = "w"\n{takes}')
     line = refused_by(capsys, "calibrate", "sensor", "bench", "both")
-    assert line.startswith("both is fused from 2 takes; name one of them, or use `pbd fuse TAKE... --save-calibration ")
+    assert line.startswith("both is fused from 2 takes; name one of them, or use `pbd fuse TAKE... -o NEW --save-")
 
 
 # --- record -----------------------------------------------------------------------------------------------------------

@@ -56,6 +56,15 @@ def test_a_fused_demonstration_is_one_like_any_other(capsys: Capture) -> None:
     np.testing.assert_allclose([not_none(one.tolerance_m) for one in saved[1:]], learned[1:], atol=5e-5)
 
 
+def test_a_calibrations_nav_is_said_to_need_the_new_sensor_errors(capsys: Capture) -> None:
+    Path("calibration").mkdir(exist_ok=True)
+    Path("calibration/points.toml").write_text(
+        'format = 1\nname = "points"\n[nav]\nposition = [0.4, 0.0, 0.2]\nrpy_deg = [0, 0, 0]\n'
+    )
+    _, _, err = run(capsys, "fuse", "tea1", "tea2", "-o", "navs", "--save-calibration", "points")
+    assert "the [nav] of calibration/points.toml holds for the sensor as it was read before" in err
+
+
 def test_nothing_is_written_if_the_calibration_can_not_be(capsys: Capture) -> None:
     Path("calibration").mkdir(exist_ok=True)
     Path("calibration/broken.toml").write_text("format = ")

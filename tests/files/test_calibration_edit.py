@@ -137,6 +137,11 @@ def test_names_that_are_refused(name: str) -> None:
         calibration_file(name)
 
 
+def test_a_path_that_ends_in_toml_is_not_told_to_end_so() -> None:
+    with pytest.raises(CalibrationError, match=r"; give a word without spaces$"):
+        calibration_file("a/b c.toml")
+
+
 def test_the_path_of_a_name() -> None:
     assert calibration_file("bench") == Path("calibration/bench.toml")
     assert calibration_file("bench.toml") == Path("calibration/bench.toml")

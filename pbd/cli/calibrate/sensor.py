@@ -12,7 +12,7 @@ from pbd.calibration.sensor_changed import gravity_at
 from pbd.cli.console import print_json, say, working
 from pbd.data.units import MG
 from pbd.errors import CalibrationError, amount, warn
-from pbd.files.calibration_edit import calibration_to_update, earlier_fit, sensor_parts, update_calibration
+from pbd.files.calibration_edit import calibration_to_update, earlier_fit, sensor_parts, update_calibration, warn_of_nav
 from pbd.files.demo import load_demo
 from pbd.tracking.repair.repair_recording import repair_recording
 from pbd.view.terminal_tables import print_table, words_table
@@ -25,7 +25,7 @@ def run(args: argparse.Namespace) -> None:
     with working(f"reading {args.demo}"):
         demo = load_demo(args.demo)
         if demo.takes:
-            again = f"name one of them, or use `pbd fuse TAKE... --save-calibration {shlex.quote(args.name)}`"
+            again = f"name one of them, or use `pbd fuse TAKE... -o NEW --save-calibration {shlex.quote(args.name)}`"
             raise CalibrationError(f"{args.demo} is fused from {amount(len(demo.takes), 'take')}; {again}")
         recording, gaps = repair_recording(demo.recording)
     if gaps:
@@ -36,11 +36,8 @@ def run(args: argparse.Namespace) -> None:
         fit = calibrate_sensor(recording, gravity=gravity, only=args.only, known=known, temperature_c=celsius)
     for remark in fit.remarks:
         warn(remark)
-    if calibration.T_base_nav is not None and (fit.acc or fit.mag):
-        warn(
-            f"the [nav] of {path} holds for the sensor as it was read before: with other errors, nav has another "
-            "heading and tilt; find it again: pbd calibrate points"
-        )
+    if fit.acc or fit.mag:
+        warn_of_nav(path, calibration)
     kept = earlier_fit(calibration, "sensor") if args.only else {}
     update_calibration(path, sensor_parts(fit.errors, kept | _figures(fit)))
     if args.json:
