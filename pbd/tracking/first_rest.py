@@ -116,11 +116,13 @@ def find_rest(recording: Recording, shortest_s: float = SHORT_REST_S) -> Rest:
     shakes = calm.acc > STILL_ACC * max(1.0, gravity / GRAVITY)  # in any unit
     _refuse_wrong_units(gravity, recording.info.source, shakes)
     if not calm.is_below(STILL_ACC, STILL_GYR):
-        unit = "" if calm.least_acc > STILL_ACC else " (if the gyro is not in rad/s, give its unit: --unit gyr=deg/s)"
+        unit = next((column.unit for column in recording.info.source.of("gyr")), "rad/s")
+        other = "deg/s" if unit == "rad/s" else "..."
+        hint = f" (if the gyro is not in {unit}, give its unit: --unit gyr={other})" * (calm.least_acc <= STILL_ACC)
         raise TrackingError(
             f"the hand never stands still for {REST_S:g} s: at its quietest (t = {recording.t[start]:.1f} s) it shakes "
             f"with {calm.acc:.2f} m/s2 and {calm.gyr:.2f} rad/s; start with two seconds of rest and stop between the "
-            f"moves{unit}",
+            f"moves{hint}",
             t=float(recording.t[start]),
             value=calm.acc,
             bound=STILL_ACC,

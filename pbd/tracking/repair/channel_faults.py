@@ -13,7 +13,7 @@ from pbd.data import Recording
 from pbd.data.recording import resolution_of
 from pbd.errors import RecordingError, TrackingError, warn
 from pbd.pose import Array, lengths
-from pbd.tracking.first_rest import STILL_ACC
+from pbd.tracking.first_rest import STILL_ACC, STILL_GYR
 from pbd.tracking.moving_windows import window_moments
 from pbd.tracking.repair.clock import SLOWEST_HZ, row_changes
 from pbd.tracking.repair.gaps import BRIDGED_S
@@ -43,7 +43,7 @@ WITHOUT_FIELD = "and is left out: heading starts at the sensor's own x axis"
 
 
 def refuse_dead(recording: Recording) -> None:
-    """Refuse a recording that never changes, a gyro that never changes, a constant norm of the force, or a stuck axis.
+    """Refuse a recording or a sensor that never changes, a constant norm of the force, or a stuck axis.
 
     Raises:
         RecordingError: for a stuck axis with its rows.
@@ -56,6 +56,12 @@ def refuse_dead(recording: Recording) -> None:
             "the gyro always reads the same, so it is dead; repair it, or leave out the columns "
             f"{recording.info.source.names('gyr')} if the device gives its own attitude",
             value=recording.gyr[0].tolist(),
+        )
+    turns = recording.gyr is not None and np.ptp(recording.gyr, axis=0).max() > STILL_GYR
+    if turns and not np.diff(recording.acc, axis=0).any():
+        raise RecordingError(
+            "the accelerometer always reads the same, though the hand turns, so it is dead; repair it",
+            value=recording.acc[0].tolist(),
         )
     norms, moves = lengths(recording.acc), np.ptp(recording.acc, axis=0).max() > STILL_ACC
     # Rows divided by their norm and rounded to four decimals; noise and moves change a true norm by more.

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from pbd.data import Demonstration, Recording
+from pbd.data.source_columns import Column, SourceColumns
 from pbd.errors import PbdError, PbdWarning, RecordingError, TrackingError
 from pbd.pipeline import track
 from pbd.simulation.hand_motion import Waypoint
@@ -121,10 +122,13 @@ def test_a_hand_that_never_rests_shows_no_wrong_axis() -> None:
         track(Recording(t, acc + 0.03 * rng.normal(size=(1000, 3)), gyr))
 
 
-def test_where_the_gyro_alone_never_rests_its_unit_is_named() -> None:
+@pytest.mark.parametrize(("unit", "other"), [("rad/s", "deg/s"), ("deg/s", "...")])
+def test_where_the_gyro_alone_never_rests_another_unit_is_named_than_it_was_read_in(unit: str, other: str) -> None:
     recording = simulate("pour", "modern").recording
-    with pytest.raises(TrackingError, match=r"never stands still .* --unit gyr="):
-        track(replace(recording, gyr=1000.0 * not_none(recording.gyr)))  # mrad/s; its quietest second is in a move
+    source = SourceColumns((Column("gx", "gx", 1.0, unit, "its name", "--unit"),))
+    fast = replace(recording, gyr=1000.0 * not_none(recording.gyr), info=replace(recording.info, source=source))
+    with pytest.raises(TrackingError, match=rf"still .* is not in {unit}, give its unit: --unit gyr={other}\)$"):
+        track(fast)  # its quietest second is in a move
 
 
 @every_method
