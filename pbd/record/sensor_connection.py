@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 from pbd.errors import SensorError, amount
 from pbd.record.session import Session
-from pbd.sensors.probe import describe_bytes, identify_protocol
+from pbd.sensors.probe import describe_bytes, identify_protocol, look_at
 from pbd.sensors.reader import Reader
 from pbd.tracking.repair.clock import CLOCK_JUMP_S
 
@@ -121,7 +121,7 @@ def _no_samples_error(session: Session, reader: Reader) -> SensorError:
     elif not reader.bytes_seen:
         message = (
             f"{port.device} is silent{at}: nothing came in {SILENT_S:g} s; check that the sensor is on "
-            "and sends by itself, or look with `pbd sensors --probe`"
+            f"and sends by itself, or {look_at(port.device)}"
         )
     elif whole and not session.samples:
         message = (
@@ -134,6 +134,6 @@ def _no_samples_error(session: Session, reader: Reader) -> SensorError:
         count = f"{tally.packets or 'no'} whole packet{'s' if tally.packets > 1 else ''}"
         message = (
             f"{amount(reader.bytes_seen, 'byte')} came from {port.device}{at}, but {count} of {sensor}: "
-            f"{describe_bytes(session.first_bytes, port.baud, sensor, tally.last_fault)}"
+            f"{describe_bytes(session.first_bytes, port.baud, sensor, tally.last_fault, port.device)}"
         )
     return SensorError(message, path=port.device, baud=port.baud)

@@ -1,6 +1,7 @@
 """Identify a sensor by listening: try each baud rate, and each decoder on the bytes."""
 
 import re
+import shlex
 import time
 from collections.abc import Callable, Collection
 from typing import NamedTuple
@@ -111,7 +112,9 @@ def quote_line(line: str) -> str:
     return f"{shown!r} ({amount(len(NUMBER.findall(line)), 'number')})"
 
 
-def describe_bytes(data: bytes, baud: int | None, sensor: str | None = None, why: str = "") -> str:
+def describe_bytes(
+    data: bytes, baud: int | None, sensor: str | None = None, why: str = "", device: str = "PORT"
+) -> str:
     """Describe for a message bytes that are no packets of `sensor`, and say what to do; `why` is its tally's."""
     known, line = identify_protocol(data), printed_line(data)
     if known is not None and known != sensor:
@@ -121,7 +124,12 @@ def describe_bytes(data: bytes, baud: int | None, sensor: str | None = None, why
             return f"a line is {quote_line(line)}: {why or CORRECT}"
         return f'they are lines such as {quote_line(line)}: give --sensor lines --columns "..."'
     at = "" if baud is None else f"{baud} baud is wrong, or "
-    return f"{at}it is another kind of sensor: look with `pbd sensors --probe`"
+    return f"{at}it is another kind of sensor: {look_at(device)}"
+
+
+def look_at(device: str) -> str:
+    """Advise to find out what a port speaks. Without --port, only the ports that the system lists are tried."""
+    return f"look with `pbd sensors --probe --port {shlex.quote(device)}`"
 
 
 def find_baud(port: Port, make: Callable[[], Decoder], sensor: str) -> int:
@@ -146,7 +154,7 @@ def find_baud(port: Port, make: Callable[[], Decoder], sensor: str) -> int:
     decoder = make()
     decoder.feed(identified)
     what = f"{amount(count, 'byte')} came from {port.device}, but no whole packet of {sensor} (tried {tried} baud)"
-    what = f"{what}: {describe_bytes(identified, None, sensor, decoder.tally.last_fault)}"
+    what = f"{what}: {describe_bytes(identified, None, sensor, decoder.tally.last_fault, port.device)}"
     raise SensorError(what, path=port.device)
 
 

@@ -237,7 +237,7 @@ HEARD = [
         "witmotion",
         b"\xf0\x0f garbage ",
         r"\d+ bytes came from .* at 9600 baud, but no whole packet of witmotion: 9600 baud is wrong, or it is another "
-        r"kind of sensor: look with `pbd sensors --probe`$",
+        r"kind of sensor: look with `pbd sensors --probe --port /dev/pts/\d+`$",
     ),
     (
         "witmotion",

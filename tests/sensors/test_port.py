@@ -176,9 +176,8 @@ def test_a_printed_line_is_shown_with_how_many_numbers_it_has(line: str, shown: 
 @pytest.mark.parametrize("data", [b"", b"hello\r\n" * 9, bytes(range(256)) * 4, b"1,2,3\n", b"\xff\n" * 50])
 def test_what_is_no_line_of_numbers(data: bytes) -> None:
     assert printed_line(data) is None
-    assert (
-        describe_bytes(data, 9600)
-        == "9600 baud is wrong, or it is another kind of sensor: look with `pbd sensors --probe`"
+    assert describe_bytes(data, 9600, device="/dev/my port") == (
+        "9600 baud is wrong, or it is another kind of sensor: look with `pbd sensors --probe --port '/dev/my port'`"
     )
 
 
