@@ -164,7 +164,7 @@ def _warn_of_edited_places(demo: Demonstration, path: HandPath) -> None:
         warn(
             f"what demo.toml says of places and heights does not move the keyframes of keyframes.toml, up to "
             f"{1e3 * away:.1f} mm: they were edited, or saved before, or with another calibration; `pbd keyframes DEMO "
-            "--save --force` finds them anew"
+            "--save --force`, with this --calibration or --robot, finds them anew"
         )
 
 

@@ -142,6 +142,24 @@ def test_where_a_mesh_is_missing_no_key_is_named_that_a_robot_does_not_take(tmp_
         read_mesh(tmp_path / "hand.stl")
 
 
+def test_the_size_that_is_advised_works() -> None:
+    """A larger one, by a percent of what was asked for, does not."""
+    with pytest.raises(
+        PlanError, match=r"is out of reach: .*; move the dock.*, or make .* \(--scale [\d.]+ works\)$"
+    ) as caught:
+        planned(scale=5.0)
+    works = float(caught.value.message.split("--scale ")[1].split()[0])
+    planned(scale=works)
+    with pytest.raises(PlanError):
+        planned(scale=works + 0.05)
+
+
+def test_no_size_is_advised_where_the_dock_is_out_of_reach() -> None:
+    far = replace(dock(), T_base_dock=Pose(np.array([2.0, 0.0, 0.3]), TURN))
+    with pytest.raises(PlanError, match=r"^keyframe 0 is out of reach: .*; move the dock$"):
+        planned(calibration=far)
+
+
 def test_the_place_that_is_advised_is_the_nearest_that_works() -> None:
     wanted, shown = ThingPlace("cup", (1.1, 0.2, -0.1), 0.4), np.array([0.1, 0.2, -0.1])
     assert nearest_working_place(wanted, shown, lambda _: False) is None  # the fault lies elsewhere

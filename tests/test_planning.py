@@ -167,6 +167,11 @@ def test_moves_beyond_the_limits_are_stretched_with_a_warning(path: str) -> None
     assert plan.report.velocity <= 1.0 + 1e-6
 
 
+def test_a_move_that_a_low_speed_stretches_needs_a_higher_one() -> None:
+    with pytest.warns(PbdWarning, match="for the hand's own time give a higher --speed, "):
+        planned(time="demo", speed=0.1)
+
+
 @pytest.mark.parametrize("path", ["keyframes", "line"])
 def test_a_metre_in_a_tenth_of_a_second_is_stretched(path: str) -> None:
     keyframes = [keyframe(0.25), keyframe(0.85, y=0.45), keyframe(1.45, y=0.45 - 1.0)]

@@ -87,7 +87,7 @@ def audit(
             # No bug report is asked for: the planner's list of pairs may leave out pairs that the audit checks.
             raise TouchError(
                 f"audit: {where} (t = {touch.t:.2f} s) {first} would touch {second}; move the dock or what stands in "
-                "the way, turn the hand differently there, or look at it with --allow-collision",
+                "the way, turn the hand differently there, or look at it with pbd replay --allow-collision",
                 keyframe=keyframe,
                 t=touch.t,
                 bodies=touch.bodies,

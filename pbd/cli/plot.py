@@ -27,7 +27,7 @@ def run(args: argparse.Namespace) -> None:
     if len(args.demos) > 1:
         return _compare(args)
     if args.csv:
-        wanted = "name two or more, or use `pbd keyframes --csv`"
+        wanted = "name two or more, or use `pbd keyframes DEMO --csv`"
         raise UsageError(f"--csv prints the spread of several demonstrations; {wanted}")
     demo = load_demonstration(args.demos[0] if args.demos else None)
     folder = _figures_folder(args.save, _folder_name(demo))

@@ -36,7 +36,7 @@ def run(args: argparse.Namespace) -> None:
     placed = place_in_base(keyframes, calibration, args.scale, path, args.orientation)
     before = touched_up(placed)
     if args.undo and all(each.undone for each in demo.touch_ups):
-        raise RecordingError("there is no touch-up to undo; `pbd touch DEMO KEYFRAME --by X Y Z` makes one")
+        raise RecordingError("there is no touch-up to undo; `pbd touch DEMO KEYFRAME --robot R --by X Y Z` makes one")
     added = None if args.undo else _touch_up(args, placed)
     if demo.keyframes is None or demo.folder is None:
         file = save_keyframes(args, demo, keyframes, for_touch=True)

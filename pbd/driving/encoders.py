@@ -45,7 +45,7 @@ class Encoders:
         for name, full, counts in zip(self.names, widths, self.upper - self.lower, strict=True):
             if self.servos[name].drive_mode and name in robot.joints:
                 what = f"drive_mode of {name} is 1, which LeRobot ignores, so it is uncertain which way the joint turns"
-                raise CalibrationError(f"{what}; calibrate anew with `pbd run --calibrate`", joint=name)
+                raise CalibrationError(f"{what}; calibrate anew with `pbd run --calibrate --robot R`", joint=name)
             found = 360.0 * counts / COUNTS
             if not SHORTEST_SHARE * full <= found <= LONGEST_SHARE * full:
                 degrees = amount(found, "degree", ".0f")

@@ -119,7 +119,7 @@ class ServoArm:
                 )
             if mode := data[MODE - IDENTITY]:
                 what = f"servo {servo.id} ({name}) is in mode {mode}, not in position mode"
-                raise SensorError(f"{what}; calibrate anew with `pbd run --calibrate`")
+                raise SensorError(f"{what}; calibrate anew with `pbd run --calibrate --robot R`")
 
     def state(self) -> ServoState:
         """Read all servos; raises as `Bus.read`."""

@@ -73,7 +73,7 @@ def planned_start(encoders: Encoders, state: ServoState, limits: JointLimits) ->
     for name, counts in zip(encoders.names, state.counts, strict=True):
         if not 0 <= counts < COUNTS:
             what = f"the servo of {name} counts turns: it says {counts:.0f}, not 0 to {COUNTS - 1}"
-            raise CalibrationError(f"{what}; calibrate anew with `pbd run --calibrate`", joint=name)
+            raise CalibrationError(f"{what}; calibrate anew with `pbd run --calibrate --robot R`", joint=name)
     q = encoders.to_joints(state.counts)
     inside = np.clip(q, limits.lower, limits.upper)
     worst = int(np.argmax(np.abs(q - inside)))

@@ -48,7 +48,7 @@ BOUNDS = {
 
 def read_servo_calibration(path: Path, joints: Sequence[str]) -> dict[str, ServoCalibration]:
     """Read the servos of these joints, in their order; CalibrationError: one is missing, or has an invalid number."""
-    text = read_text(path, CalibrationError, "make one with `pbd run --calibrate`, or name LeRobot's")
+    text = read_text(path, CalibrationError, "make one with `pbd run --calibrate --robot R`, or name LeRobot's")
     try:
         values = json.loads(text)
     except (ValueError, RecursionError) as reason:
@@ -124,4 +124,4 @@ def _servo(path: Path, joint: str, value: Any) -> ServoCalibration:
 
 
 def _wrong(path: Path, what: str) -> CalibrationError:
-    return CalibrationError.at(path, f"{what}; make it anew with `pbd run --calibrate`")
+    return CalibrationError.at(path, f"{what}; make it anew with `pbd run --calibrate --robot R`")

@@ -93,7 +93,7 @@ def _alternatives(refusal: Refusal, options: PlanOptions) -> tuple[tuple[str, Pl
             what = "leave out --path-tolerance" if options.path == "keyframes" else "use --path keyframes"
             others += ((what, straight),)
     if refusal.why == COLLISION:
-        others += (("view the motion with --allow-collision", replace(options, allow_collision=True)),)
+        others += (("view the motion with pbd replay --allow-collision", replace(options, allow_collision=True)),)
     return others
 
 

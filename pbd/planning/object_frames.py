@@ -70,7 +70,7 @@ def refuse_unknown_things(names: Iterable[str], known: Collection[str]) -> None:
     for name in names:
         if name not in known:
             given = f"known are {listed(known)}{nearest(name, known)}" if known else "none belongs to anything"
-            how = f"`pbd keyframes --frame {shlex.quote(name)}=3..5` says which do"
+            how = f"`pbd keyframes DEMO --frame {shlex.quote(name)}=3..5` says which do"
             raise UsageError(f"no keyframe belongs to '{name}': {given}; {how}", value=name, valid=list(known))
 
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import shlex
+from bisect import bisect_left
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import pairwise
@@ -150,6 +152,7 @@ def plan_keyframes(
         searched = other.allow_collision and not task.options.allow_collision
         others += [what] if _works(replace(task, options=other, no_free_motion=searched)) else []
     others += _suggest_place(task, found.error)
+    others += _suggest_scale(task, found.error)
     others += undo_advice(task, found.error, _works)
     raise type(found.error)(", or ".join((found.error.message, *others)), **found.error.fields)
 
@@ -174,7 +177,24 @@ def _suggest_place(task: PlanningTask, error: PbdError) -> list[str]:
 
     p_shown = with_things_at().T_base_tool[keyframes_of_things(task.keyframes)[wanted.name][0]].p
     found = nearest_working_place(wanted, p_shown, lambda place: _works(with_things_at(place)))
-    return [] if found is None else [f"put the {wanted.name} nearer to where it was shown (--at {found} works)"]
+    return (
+        []
+        if found is None
+        else [f"put the {wanted.name} nearer to where it was shown (--at {shlex.quote(str(found))} works)"]
+    )
+
+
+def _suggest_scale(task: PlanningTask, error: PbdError) -> list[str]:
+    """Suggest the largest size, in percent of the present one, that works where a keyframe is out of reach."""
+
+    def scale_at(percent: int) -> float:
+        return float(f"{task.options.scale * percent / 100:.3g}")
+
+    def fails(percent: int) -> bool:
+        return not _works(replace(task, options=replace(task.options, scale=scale_at(percent))))
+
+    largest = bisect_left(range(1, 100), True, key=fails) if "nearest" in error.fields else 0
+    return [f"make the path smaller (--scale {scale_at(largest):g} works)"] if largest else []
 
 
 def plan_task(task: PlanningTask) -> Plan | PlanRefusal:
@@ -237,7 +257,7 @@ def plan_task(task: PlanningTask) -> Plan | PlanRefusal:
         chosen.segments,
         trajectory,
         report,
-        find_stretched(took, durations_s) if options.time == "demo" else (),
+        find_stretched(took, durations_s, options.speed) if options.time == "demo" else (),
         touching,
         chosen.retreat,
     )

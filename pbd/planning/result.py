@@ -164,12 +164,13 @@ def find_touching(scene: CollisionScene, trajectory: JointTrajectory) -> Touchin
     return Touching(collision_error(scene, trajectory, hits[0]), hits) if hits else None
 
 
-def find_stretched(took_s: Array, durations_s: Sequence[float]) -> tuple[Stretch, ...]:
+def find_stretched(took_s: Array, durations_s: Sequence[float], speed: float) -> tuple[Stretch, ...]:
     """Find the moves that take longer than the hand did, and warn of them.
 
     Args:
         took_s: (n,) durations of the moves, with the approach.
         durations_s: (n - 1,) the hand's durations.
+        speed: the share of the joints' limits that a person asked for.
     """
     both = zip(durations_s, took_s[1:].tolist(), strict=True)
     found = [
@@ -183,10 +184,10 @@ def find_stretched(took_s: Array, durations_s: Sequence[float]) -> tuple[Stretch
             for each in sorted(found, key=lambda each: each.demonstrated_s / each.planned_s)[:3]
         ]
         rest = f", and {len(found) - 3} more" if len(found) > 3 else ""
-        are = "is" if len(found) == 1 else "are"
+        are, faster = "is" if len(found) == 1 else "are", "give a higher --speed, " if speed < 1.0 else ""
         warn(
             f"{len(found)} of {amount(len(durations_s), 'move')} {are} slower than the hand's, to keep the "
-            f"joint limits: {', '.join(moves)}{rest}; for the hand's own time "
-            "demonstrate it slower, or give a smaller --scale"
+            f"joint limits: {', '.join(moves)}{rest}; for the hand's own time {faster}"
+            "demonstrate it slower, or try a smaller --scale"
         )
     return tuple(found)

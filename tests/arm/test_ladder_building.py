@@ -175,7 +175,7 @@ def test_the_first_keyframe_out_of_reach_is_named(arm: ArmModel) -> None:
     assert error.message == (
         f"keyframe 2 is out of reach: the tool stays {centimetres:.1f} cm and {degrees:.1f} degrees from its pose at"
         f" (1.200, 0.100, 0.400) m, which is {100 * error.fields['beyond']:.1f} cm beyond the arm's reach;"
-        " move the dock, or make the path smaller with --scale"
+        " move the dock"
     )
     assert error.exit_code == 3
     nearest = error.fields["nearest"]

@@ -251,13 +251,14 @@ def test_a_touch_up_that_no_other_keyframe_follows_is_told(brief: Path, capsys: 
 
 
 def test_out_of_reach_names_a_place_that_works(brief: Path, capsys: Capture) -> None:
-    run(capsys, "keyframes", "tea", "--frame", "cup=1")
-    command = ("export", "tea", "--robot", "panda", "-o", "x.npz", "--at")
-    _, _, err = run(capsys, *command, "cup=0.5,1.2,0.3")
+    run(capsys, "keyframes", "tea", "--frame", "my cup=1")
+    command = ("export", "tea", "--robot", "panda", "-o", "x.npz")
+    _, _, err = run(capsys, *command, "--at", "my cup=0.5,1.2,0.3")
     line = err.splitlines()[-1]
     assert line.startswith("pbd: keyframe 1 is out of reach")
-    works = line.rpartition("(--at ")[2].removesuffix(" works)")
-    assert run(capsys, *command, works)[0] == 0
+    assert "--scale" not in line  # the cup stands where it stands
+    works = line.rpartition("shown (")[2].removesuffix(" works)")
+    assert run(capsys, *command, *shlex.split(works))[0] == 0
 
 
 @pytest.mark.parametrize("command", [("replay", "tea", "--json"), ("keyframes", "tea")])

@@ -148,7 +148,7 @@ def held_poses(arm: ArmModel, T_base_tool: Sequence[Pose], q: Array) -> tuple[tu
         warn(
             f"{arm.robot.name} moves its tool in {starts_of(arm).directions} of 6 directions and can't match the "
             f"hand's orientation: {told}, worst at keyframe {worst}; {turn}use an arm that moves it in all 6, as most "
-            "of six joints do, move the dock, or give a smaller --scale"
+            "of six joints do, move the dock, or try a smaller --scale"
         )
     return held, off
 

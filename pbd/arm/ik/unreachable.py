@@ -76,7 +76,7 @@ def out_of_reach(arm: ArmModel, keyframe: int, pose: Pose, q_seed: Array) -> Pla
     return PlanError(
         f"keyframe {keyframe} is out of reach: the tool stays {in_mm_or_cm(nearest.position_error_m)} and "
         f"{np.rad2deg(nearest.rotation_error_rad):.1f} degrees from its pose at ({x:.3f}, {y:.3f}, {z:.3f}) m, which is"
-        f" {reason}; move the dock{height}, or make the path smaller with --scale",
+        f" {reason}; move the dock{height}",
         keyframe=keyframe,
         value=nearest.position_error_m,
         bound=TOLERANCE_M,

@@ -151,7 +151,7 @@ def test_poses_that_are_held_with_another_rotation_are_warned_of() -> None:
     assert [str(warning.message) for warning in told] == [
         "so101 moves its tool in 5 of 6 directions and can't match the hand's orientation: its approach axis is off by"
         " up to 4 degrees, its rotation about the approach axis is off by up to 29 degrees, worst at keyframe 0; use an"
-        " arm that moves it in all 6, as most of six joints do, move the dock, or give a smaller --scale"
+        " arm that moves it in all 6, as most of six joints do, move the dock, or try a smaller --scale"
     ]
     with pytest.warns(PbdWarning, match=r"orientation: its rotation about the approach axis is off by up to 29 deg"):
         held_poses(arm, wanted[1:], q[1:])  # not of an axis that is off by 0 degrees
