@@ -38,7 +38,9 @@ def _uncorrected(task: PlanningTask, demo: Demonstration, folder: Path) -> Itera
     if count and path is not None and path.tracking is not None:
         untouched = replace(path, tracking=replace(path.tracking, demo=replace(demo, touch_ups=())))
         which, repeat = ("touch-up", "") if count == 1 else (f"{count} touch-ups", ", once for each")
-        command = f"`pbd touch {shell_word(folder)} --robot {shlex.quote(task.robot.name)} --undo`{repeat}"
+        own = task.calibration is task.robot.dock
+        by = "" if own else f" --calibration {shlex.quote(task.calibration.name)}"
+        command = f"`pbd touch {shell_word(folder)} --robot {shlex.quote(task.robot.name)}{by} --undo`{repeat}"
         yield replace(task, hand_path=untouched), f"undo the {which}", command
     nudged = sum(each.nudge_base_m.any() or each.nudge_tool_m.any() for each in task.keyframes)
     if nudged:

@@ -261,6 +261,15 @@ def test_out_of_reach_names_a_place_that_works(brief: Path, capsys: Capture) -> 
     assert run(capsys, *command, *shlex.split(works))[0] == 0
 
 
+def test_a_touch_up_is_undone_with_the_calibration_that_it_was_refused_with(brief: Path, capsys: Capture) -> None:
+    """With another one, a place in base that demo.toml knows contradicts the path."""
+    run(capsys, "calibrate", "dock", "bench", "--position", "0.45", "-0.15", "0.25", "--rpy", "0", "0", "0")
+    by = ("--robot", "panda", "--calibration", "bench")
+    run(capsys, "touch", "tea", "0", *by, "--by", "0.45", "0", "0")
+    _, _, err = run(capsys, "replay", "tea", "--json", *by)
+    assert "(`pbd touch tea --robot panda --calibration bench --undo`)" in err
+
+
 @pytest.mark.parametrize("command", [("replay", "tea", "--json"), ("keyframes", "tea")])
 def test_out_of_reach_after_a_touch_up_tells_how_to_undo_it(
     brief: Path, capsys: Capture, command: tuple[str, ...]
