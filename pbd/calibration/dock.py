@@ -69,8 +69,9 @@ def nav_in_base(calibration: Calibration, wxyz_nav_sensor: Array) -> Pose:
     if tilt_deg > UPSIDE_DOWN_DEG:  # no yaw is the nearest at half a turn, so any_attitude does not help
         raise CalibrationError(
             f"at its first rest the sensor lies upside down compared with the dock of '{calibration.name}'; if the "
-            "accelerometer reads -g along the axis that points up, import with --unit acc=-g; if the sensor is "
-            "mounted upside down, give --calibration one with rpy_deg = [180, 0, 0] in [dock] and [0, 0, 0] in [mount]",
+            "accelerometer reads -g along the axis that points up, import with --unit acc=-g (or -m/s2); if the sensor "
+            "is mounted upside down, give --calibration one with rpy_deg = [180, 0, 0] in [dock] and [0, 0, 0] in "
+            "[mount]",
             value=float(tilt_deg),
             bound=UPSIDE_DOWN_DEG,
         )

@@ -92,6 +92,12 @@ class SourceColumns:
         return abs(acc[0].factor) if acc else 1.0
 
     @property
+    def acc_unit_sign(self) -> str:
+        """The minus of a unit of specific force that has one, which reverses all three signs; else ""."""
+        acc = self.of("acc")
+        return "-" * bool(acc and all(each.sign < 0.0 and each.named_by != "--column" for each in acc))
+
+    @property
     def has_no_times(self) -> bool:
         """Whether the file has no times, so that its samples come at a rate that a person gave."""
         return bool(self.columns) and "t" not in self._found

@@ -183,7 +183,7 @@ def _refuse_wrong_units(norm_at_rest: float, source: SourceColumns, shakes: bool
     said = f"at rest the accelerometer reads {norm_at_rest:.4g}, but gravity is {GRAVITY:.2f} m/s2"
     if likely := likely_unit(norm_at_rest, source.acc_factor):
         what = "raw counts" if likely in COUNTS_PER_G else f"in {likely}"
-        why = f"the values are likely {what}: import the file with --unit acc={likely}"
+        why = f"the values are likely {what}: import the file with --unit acc={source.acc_unit_sign}{likely}"
         why += ", and a gyro's counts with --unit gyr=NUMBERdeg/s" * (likely in COUNTS_PER_G)
     elif shakes:
         return

@@ -105,6 +105,13 @@ def test_a_sensor_on_its_head_is_told_and_what_it_says_to_do_helps(
         assert read_demo(Path("demos/tea")).recording.acc[0, 2] > 0.0
 
 
+def test_a_unit_that_reverses_the_signs_is_corrected_by_one_that_does(
+    pulled: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["import", str(pulled), "tea", "--unit", "acc=-g"]) == 1
+    assert "likely in m/s2: import the file with --unit acc=-m/s2\n" in capsys.readouterr().err
+
+
 def test_a_wrong_rate_is_not_blamed_on_a_column(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """No --unit t and, in an npz, no --rate would help."""
     acc = np.tile((0.0, 0.0, 9.8), (200, 1))

@@ -193,7 +193,7 @@ def refuse_disagreement(recording: Recording) -> None:
         raise RecordingError(
             f"the gyro does not turn as {SHOWN_BY[found.witness]} shows "
             f"(by {in_degrees(np.radians(found.off_deg))}, first at t = {at:.1f} s): {found.message}"
-            + (f"; with --unit acc={unit} too" if unit else ""),
+            + (f"; with --unit acc={source.acc_unit_sign}{unit} too" if unit else ""),
             value=np.radians(found.off_deg),
         )
 
