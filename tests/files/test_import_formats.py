@@ -811,7 +811,9 @@ def echoed(k: int, header: str, covariance: str) -> str:
 
 
 def test_lines_with_names_but_fewer_than_three_numbers_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(RecordingError, match="no line has three numbers with names; give --columns as for `pbd record"):
+    with pytest.raises(
+        RecordingError, match="no line has three numbers with names; import it with --sensor lines --columns"
+    ):
         imported(tmp_path, "ax: 0.1 ay: 9.8\n" * 30, name="log.txt")
 
 

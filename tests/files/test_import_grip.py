@@ -60,6 +60,11 @@ def test_a_gripper_of_which_1_may_be_open_or_closed_is_told(tmp_path: Path) -> N
         assert import_file(table(tmp_path, "gripper", "1", "0")).recording.grip == ()
 
 
+def test_a_gripper_whose_name_has_a_space_is_quoted(tmp_path: Path) -> None:
+    with pytest.warns(PbdWarning, match=r"import it with --column 'grip=gripper state' if 1 is closed, "):
+        import_file(table(tmp_path, "gripper state", "1", "0"))
+
+
 def test_a_gripper_of_fractions_is_told(tmp_path: Path) -> None:
     with pytest.warns(
         PbdWarning, match=r"import it with --column grip=gripper if above 0\.5 is closed, or with grip=- "

@@ -221,13 +221,13 @@ def _choose_topics(path: Path, connections: list[Any], topic: str | None) -> tup
             kinds = listed(sorted({f"{each.topic} ({each.msgtype})" for each in connections}))
             raise RecordingError.at(path, f"no topic of type {IMU}; it has {kinds}: record one")
         if len(choices) > 1:
-            what = f"{len(imus)} topics of type {IMU}: {listed(imus)}; choose one with --topic"
+            what = f"{len(imus)} topics of type {IMU}: {listed(imus)}; choose one with pbd import --topic"
             raise RecordingError.at(path, what, value=len(imus))
     elif topic not in imus:
         kind = next((each.msgtype for each in connections if each.topic == topic), None)
         what = f"the topic {topic} has messages of type {kind}" if kind else f"no topic {topic}"
         have = f"those of type {IMU} are {listed(imus)}"
-        raise RecordingError.at(path, f"{what}; {have}; choose one with --topic", value=topic)
+        raise RecordingError.at(path, f"{what}; {have}; choose one with pbd import --topic", value=topic)
     chosen = next(choice for choice in choices if topic is None or topic in choice)
     # Of several fields, take the one with the Imu's longest prefix: /left/mag belongs to /left/imu.
     fields = {each.topic for each in connections if each.msgtype == FIELD}

@@ -183,8 +183,8 @@ def _unit(
         return 1.0, standard, NO_UNIT
     sign, unit = _split_sign(normalized_unit(given))
     if unit_factor(channel, unit) is None:
-        what = f"the unit '{printable(given)}' of column '{printable(name)}' is not known; give one of"
-        what += f" {', '.join(UNITS[channel])} with --unit {channel}=UNIT" + ", or --rate HZ" * (channel == "t")
+        what = f"the unit '{printable(given)}' of column '{printable(name)}' is not known; import it with"
+        what += f" --unit {channel}=UNIT, one of {', '.join(UNITS[channel])}" + ", or --rate HZ" * (channel == "t")
         raise (UsageError if by == "--unit" else RecordingError).at(path, what, value=given)
     return sign, next((name for name in UNITS[channel] if name.lower() == unit), unit), by
 

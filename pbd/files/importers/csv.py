@@ -179,7 +179,9 @@ def _refuse_missing(sheet: Sheet, found: SourceColumns, rate_hz: float | None) -
         present = [column.ours for column in found.of(channel)]
         if missing := [name for name in wanted if present and name not in present]:
             what = f"no column for '{missing[0]}', though there is '{present[0]}'"
-            raise RecordingError.at(path, f"{what}; {known}: name it with --column {missing[0]}=NAME", value=missing[0])
+            raise RecordingError.at(
+                path, f"{what}; {known}: import it with --column {missing[0]}=NAME", value=missing[0]
+            )
 
 
 def _timed(

@@ -2,6 +2,7 @@
 
 import math
 import re
+import shlex
 from contextlib import suppress
 
 from pbd.data import GripEvent
@@ -80,7 +81,7 @@ def _find_column(sheet: Sheet) -> tuple[str, bool]:
             if words <= WORDS.keys():
                 return name, False
             if None not in (likely := set(map(_level, words))):
-                option = f"--column grip={printable(name)}"
+                option = f"--column {shlex.quote(f'grip={printable(name)}')}"
                 what = f"the column '{printable(name)}' seems to be the gripper's, and is not read"
                 high = max(words) if likely <= {0.0, 1.0} else f"above {HALF_CLOSED:g}"
                 warn(f"{what}: import it with {option} if {high} is closed, or with grip=- and its name if open")

@@ -88,7 +88,7 @@ def printed_sheet(path: Path, text: str) -> Sheet:
         if 0 < k < last or all(name in sample for name in header)
     ]
     if len(header) < 3 or not rows:
-        what = "no line has three numbers with names; give --columns as for `pbd record --sensor lines`"
+        what = 'no line has three numbers with names; import it with --sensor lines --columns "..."'
         raise RecordingError.at(path, what)
     columns = tuple(f"{name} ({units[name]})" if name in units else name for name in header)
     return Sheet(path, columns, "\n".join(rows), ",", 1)
