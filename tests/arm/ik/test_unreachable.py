@@ -45,11 +45,11 @@ def test_only_the_angle_is_out_of_reach_where_the_tool_gets_in_other_ways_than_t
     assert "reachable, but not with the tool at this angle" in str(hindrance(arm, pose))
 
 
-@pytest.mark.parametrize(("z", "advice"), [(1.0, "lower,"), (-0.7, "higher,"), (0.3, ",")])
+@pytest.mark.parametrize(("z", "advice"), [(1.0, " lower"), (-0.7, " higher"), (0.3, "")])
 def test_the_way_that_the_dock_must_move(arm: ArmModel, z: float, advice: str) -> None:
-    pose = Pose.from_rpy((0.45 if advice != "," else 1.2, 0.0, z), DOWN)
+    pose = Pose.from_rpy((0.45 if advice else 1.2, 0.0, z), DOWN)
     error = out_of_reach(arm, 0, pose, arm.robot.home)
-    assert f"; move the dock {advice}".replace(" ,", ",") in error.message
+    assert error.message.endswith(f"; move the dock{advice}")
 
 
 @pytest.fixture
