@@ -109,8 +109,10 @@ class Samples:
         up = _force_at_rest(frame, self.still)
         t, (s_g, s_a) = frame.t, densities(noise, frame.gyr, frame.u, frame.dt, up)
         if self.no_gyro:
-            # Not to be scaled by residuals: the error changes smoothly, so a leg shows less of it than a stop has.
-            s_g[0], s_g[1] = s_g[1], 0.0
+            # Half an interval of the lag is left: a filter steps once a sample. Neither part is scaled by residuals, as
+            # the device's error changes smoothly: a leg shows less of it than a stop has.
+            left = (0.5 * frame.dt) ** 2 / noise.device_lag * (frame.gyr**2).sum(axis=1)
+            s_g[0], s_g[1] = s_g[1] + left, 0.0
             s_a[0] = frame.dt * frame.u[rest.start : rest.stop].var(axis=0).mean()  # gravity, tilted by attitude noise
         for first, last in (*self.gaps, *self.still_gaps):
             lasts = float(t[last] - t[first])

@@ -10,6 +10,8 @@ import pytest
 from pbd.data import Demonstration, Recording
 from pbd.pose import (
     Array,
+    lengths,
+    matrix_log,
     quat_exp,
     quat_inverse,
     quat_log,
@@ -69,7 +71,8 @@ def test_the_error_of_a_devices_own_attitude_has_the_same_sigma_at_all_knots() -
     equations = NormalEquations.empty(m, SHARED)
     _add_device_attitude(equations, problem, replace(solution.state, E=np.tile(np.eye(3), (m, 1, 1))))
     walk = np.diff(np.eye(m), axis=0)
-    of_legs = walk.T / problem.legs.parts[0, :, 0, 0] @ walk
+    turned = lengths(matrix_log(problem.C[:-1].transpose(0, 2, 1) @ problem.C[1:]))
+    of_legs = walk.T / (1e-12 + problem.noise.gyr_turn**2 * turned) @ walk
     sigma = np.sqrt(np.diagonal(np.linalg.inv(np.diag(equations.diagonal[:, 0, 0]) + of_legs)))
     assert sigma == pytest.approx(problem.noise.device_attitude, rel=0.1)
 
