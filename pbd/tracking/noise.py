@@ -143,6 +143,10 @@ class Noise:
     """rad: error of a device's own attitude (data sheets of compasses: 0.5 to 1 degree). It is another one after a turn
     of 1 rad: it depends on how the device lies in gravity and in the magnetic field."""
 
+    device_drift: float = 0.01
+    """rad/s: it changes in time as by this turn. In a second that is 0.07 degrees, about the resolution of 0.1 degree
+    of such devices (OceanServer's data sheet)."""
+
     unseen_speed: float = 0.1
     """m/s: mean speed of a hand in a gap in the data: from rest to rest in 0.12 s with 5 m/s2. (A longer gap is
     refused unless a person says that the hand stood still.)"""

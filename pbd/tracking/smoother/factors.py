@@ -179,7 +179,7 @@ def _add_device_attitude(equations: NormalEquations, problem: Problem, x: State)
     Its density is that of a random walk, which the legs have, times 1 / (2 sigma^2) for each rad and for both ends.
     """
     C = problem.C
-    turned = lengths(matrix_log(C[:-1].transpose(0, 2, 1) @ C[1:]))
+    turned = lengths(matrix_log(C[:-1].transpose(0, 2, 1) @ C[1:])) + problem.noise.device_drift * problem.legs.T
     about = 0.5 * (np.append(2.0, turned) + np.append(turned, 2.0))
     equations.add(matrix_log(x.E), 0.5 * about / problem.noise.device_attitude**2, (0, ROT, 1.0))
 

@@ -112,7 +112,7 @@ class Samples:
             # Half an interval of the lag is left: a filter steps once a sample. Neither part is scaled by residuals, as
             # the device's error changes smoothly: a leg shows less of it than a stop has.
             left = (0.5 * frame.dt) ** 2 / noise.device_lag * (frame.gyr**2).sum(axis=1)
-            s_g[0], s_g[1] = s_g[1] + left, 0.0
+            s_g[0], s_g[1] = s_g[1] + left + noise.gyr_turn**2 * noise.device_drift, 0.0
             s_a[0] = frame.dt * frame.u[rest.start : rest.stop].var(axis=0).mean()  # gravity, tilted by attitude noise
         for first, last in (*self.gaps, *self.still_gaps):
             lasts = float(t[last] - t[first])

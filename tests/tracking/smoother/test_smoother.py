@@ -72,7 +72,8 @@ def test_the_error_of_a_devices_own_attitude_has_the_same_sigma_at_all_knots() -
     _add_device_attitude(equations, problem, replace(solution.state, E=np.tile(np.eye(3), (m, 1, 1))))
     walk = np.diff(np.eye(m), axis=0)
     turned = lengths(matrix_log(problem.C[:-1].transpose(0, 2, 1) @ problem.C[1:]))
-    of_legs = walk.T / (1e-12 + problem.noise.gyr_turn**2 * turned) @ walk
+    turned += problem.noise.device_drift * problem.legs.T
+    of_legs = walk.T / (problem.noise.gyr_turn**2 * turned) @ walk
     sigma = np.sqrt(np.diagonal(np.linalg.inv(np.diag(equations.diagonal[:, 0, 0]) + of_legs)))
     assert sigma == pytest.approx(problem.noise.device_attitude, rel=0.1)
 
