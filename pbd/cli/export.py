@@ -14,7 +14,7 @@ import numpy as np
 from pbd.cli.common import load_demonstration, named_calibration, plan_demonstration, track_demonstration, without_aside
 from pbd.cli.console import print_json, say, working
 from pbd.cli.plan_report import moves_json, plan_json, remarks
-from pbd.errors import PbdError, PlanError, UsageError, errors_about, listed
+from pbd.errors import PbdError, PlanError, UsageError, listed, naming
 from pbd.files.exporters import DATASETS, FORMATS, SUFFIXES, Export, check_format, check_suffix, export, export_dataset
 from pbd.files.exporters.lerobot import first_frame_text, refuse_dataset
 from pbd.files.exporters.tum import write_poses
@@ -78,7 +78,7 @@ def _write_hand(args: argparse.Namespace, format_name: str) -> None:
 
 def _plan(args: argparse.Namespace, name: str | None) -> Plan:
     args.demo = name
-    with errors_about(name) if name and len(args.demos) > 1 else nullcontext():
+    with naming(name) if name and len(args.demos) > 1 else nullcontext():
         plan = plan_demonstration(args)
     if plan.touching is not None:
         touches = plan.touching.error

@@ -307,7 +307,7 @@ def test_the_fastest_arm_comes_first_and_the_others_say_why(
     low = run_json(capsys, "robots", "panda", "--for", "paper-test2", "--calibration", "low.toml")["robots"][0]
     assert low["duration_s"] != next(row["duration_s"] for row in rows if row["name"] == "panda")
     told = refused(capsys, 2, "robots", "panda", "--calibration", "low.toml")
-    assert told.endswith("--calibration is for --for, which ranks the robots: leave it out")
+    assert told.endswith("--calibration is for ranking the robots by --for: leave it out")
     assert [row["name"] for row in rows[len(able) :]] == ["mine"]
     panda = next(row for row in rows if row["name"] == "panda")
     replayed = run_json(capsys, "replay", "paper-test2", "--robot", "panda")
