@@ -41,7 +41,10 @@ def places(capsys: Capture, *more: str) -> np.ndarray[tuple[int, ...], np.dtype[
 
 def test_its_advice_can_be_pasted_for_a_name_with_a_space(tea: Path, capsys: Capture) -> None:
     tea.parent.rename("demos/my tea")
-    _, _, said = run(capsys, "touch", "my tea", "2", "--robot", "panda", "--by", "0", "-0.004", "0")
+    touch = ("touch", "my tea", "2", "--robot", "panda", "--by", "0", "-0.004", "0")
+    assert "`pbd touch 'my tea' --robot panda --accept-gap --undo`" in run(capsys, *touch, "--accept-gap")[2]
+    assert run(capsys, "touch", "my tea", "--robot", "panda", "--undo")[0] == 0
+    _, _, said = run(capsys, *touch)
     head = Path("demos/my tea/keyframes.toml").read_text(encoding="utf-8")
     assert run(capsys, *shlex.split(said.partition("`pbd ")[2].partition("`")[0]))[0] == 0
     assert shlex.split(head.partition("`pbd ")[2].partition("`")[0]) == ["keyframes", "my tea"]
@@ -164,6 +167,12 @@ def test_undo_keeps_a_keyframe_that_a_person_added(tea: Path, capsys: Capture) -
 def test_millimetres_for_metres_are_refused_and_nothing_is_written(tea: Path, capsys: Capture) -> None:
     said = refused_line(capsys, "touch", "tea", "2", "--robot", "panda", "--by", "0", "-4", "0")
     assert "that is 4.00 m away" in said
+    assert not tea.exists()
+
+
+def test_a_motion_of_a_hundred_metres_is_refused_and_nothing_is_written(tea: Path, capsys: Capture) -> None:
+    touch = ("touch", "tea", "2", "--robot", "panda", "--by", "0", "0", "0.01")
+    assert "beyond any arm's reach; correct --scale, or the dock" in refused_line(capsys, *touch, "--scale", "1000")
     assert not tea.exists()
 
 
