@@ -71,6 +71,8 @@ def _pose(args: argparse.Namespace, robot: Robot | None, calibration: Calibratio
     """Return T_base_dock, its covariance (6, 6) without that of putting the sensor down, and its source in words."""
     if args.rpy is not None and args.position is None:
         raise UsageError("--rpy goes with --position; leave it out")
+    if args.calibration is not None and args.from_keyframe is None:
+        raise UsageError("--calibration goes with --from-keyframe; leave it out")
     if args.position is not None:
         before = calibration.T_base_dock
         kept = np.zeros(3) if before is None else np.degrees(quat_to_rpy(before.wxyz))
