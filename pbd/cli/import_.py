@@ -75,12 +75,13 @@ def _read(args: argparse.Namespace) -> Demonstration:
     """Read the file. Raw bytes, and lines without a header, are decoded as `pbd record` does."""
     if args.columns and not args.sensor:
         raise UsageError("--columns names the numbers of --sensor lines: add --sensor lines")
-    if args.columns and args.column:
-        raise UsageError("--column is for a file with a header; turn or swap names in --columns itself, as ax,ay,-az")
     if args.file.suffix.lower() != ".bin" and not args.columns:
         refuse_columns(args, "a file with a header")
         with working(f"reading {args.file}"):
             return import_file(args.file, dict(args.column), dict(args.unit), args.rate, args.topic)
+    if args.column or args.topic is not None:
+        instead = "turn or swap names in --columns itself, as ax,ay,-az" if args.columns else "leave them out"
+        raise UsageError(f"--column is for a file with a header, and --topic for a bag; {instead}")
     if not args.sensor:
         raise SensorError(f"{args.file} holds a sensor's raw bytes; name the sensor with --sensor", path=args.file)
     make = decoder_maker(args, args.sensor)
