@@ -48,8 +48,9 @@ def run(args: argparse.Namespace) -> None:
     folder = demo_folder(name)
     kind, _, task = (args.sensor or "").partition(":")
     if kind == SIMULATED:
-        if args.port or args.baud or args.rate:
-            raise UsageError("a simulated sensor has no port, baud or rate to choose; leave out --port, --baud, --rate")
+        if args.port or args.baud or args.rate or args.unit:
+            what = "a simulated sensor has no port, baud, rate or unit to choose"
+            raise UsageError(f"{what}; leave out --port, --baud, --rate, --unit")
         refuse_columns(args, kind)
     elif kind:
         decoder_maker(args, args.sensor, also=(SIMULATED,))  # an unknown sensor is reported before anything else

@@ -319,7 +319,8 @@ def test_a_simulated_task_grips_by_itself_and_ends_it_where_nobody_could(elsewhe
     [
         (2, ("--sensor", "witmotoin"), "sensor 'witmotoin' is unknown"),  # before the name, which is taken
         (2, ("--sensor", "sim:juggle"), "juggle"),
-        (2, ("--sensor", "sim", "--rate", "50"), "a simulated sensor has no port, baud or rate to choose; leave out"),
+        (2, ("--sensor", "sim", "--rate", "50"), "a simulated sensor has no port, baud, rate or unit to choose; leave"),
+        (2, ("--sensor", "sim", "--unit", "acc=g"), "leave out --port, --baud, --rate, --unit"),
         (2, ("--sensor", "sim", "--columns", "t,ax,ay,az"), "are for --sensor lines; leave them out for sim"),
         (
             2,
@@ -328,6 +329,7 @@ def test_a_simulated_task_grips_by_itself_and_ends_it_where_nobody_could(elsewhe
         ),
         (2, ("--sensor", "witmotion", "--wrap", "9"), "are for --sensor lines; leave them out for witmotion"),
         (2, ("--port", "http://127.0.0.1:1", "--prefix", "x"), "are for --sensor lines; leave them out for phyphox"),
+        (2, ("--port", "http://127.0.0.1:1", "--unit", "acc=g"), "phyphox has fixed units: leave it out"),
         (1, ("--sensor", "witmotion", "--port", "/dev/null", "--baud", "9600"), "/dev/null is not a serial port"),
         (2, ("--sensor", "xsens", "--unit", "gyr=deg/s", "--port", "/dev/null"), "xsens has fixed units: leave it out"),
         (2, ("--sensor", "razor", "--unit", "gyr=turns", "--port", "/dev/null"), "'turns' is not a unit of gyr"),
