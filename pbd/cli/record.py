@@ -29,6 +29,12 @@ from pbd.view.terminal import discard_rest
 
 SIMULATED = "sim"
 
+KEPT = (
+    *("sensor", "port", "baud", "rate", "columns", "separator", "prefix", "wrap", "calibration"),
+    *("duration", "tolerance", "grip", "closed", "raw", "reconnect", "live"),
+)
+"""Options, besides --unit, that the advised command of the next take repeats."""
+
 HOLDS = (
     "hold the sensor as you like, and remember how",
     "turn the sensor by a quarter about the vertical, as it lies at the dock",
@@ -162,9 +168,9 @@ def _next_command(args: argparse.Namespace, folder: Path) -> str:
     """Return the command that follows a recording; after a take, the next take, or `pbd fuse`."""
     if args.take is None:
         return f"pbd keyframes {shell_word(folder)}"
-    kept = [(name, getattr(args, name)) for name in ("sensor", "port", "baud", "rate", "columns", "calibration")]
-    kept += [("unit", f"{kind}={unit}") for kind, unit in args.unit]
-    again = "".join(f" --{name} {shlex.quote(str(value))}" for name, value in kept if value)
+    given = [(name, getattr(args, name)) for name in KEPT if getattr(args, name) != args.parser.get_default(name)]
+    given += [("unit", f"{kind}={unit}") for kind, unit in args.unit]
+    again = "".join(f" --{name}" if value is True else f" --{name} {shlex.quote(str(value))}" for name, value in given)
     more = f"pbd record {shlex.quote(args.name)} --take {args.take + 1}{again}"
     folders = (folder.with_name(f"{Path(args.name).name}{take}") for take in range(1, args.take + 1))
     takes = [shell_word(take) for take in folders if _can_be_fused(take)]

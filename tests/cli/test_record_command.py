@@ -231,7 +231,10 @@ def test_a_killed_forced_recording_leaves_the_old_one_beside_and_the_next_does_s
 
 def test_a_take_leads_to_the_next_one_and_to_what_is_made_of_them(elsewhere: Path, capsys: Capture) -> None:
     assert refused(capsys, 2, "record", "--take", "2").endswith("needs the task's NAME: pbd record tea --take 2")
-    words = ("--sensor", "lines", "--baud", "115200", "--columns", "t,ax,ay,az,gx,gy,gz", "--unit", "acc=0.001 g")
+    words = shlex.split(
+        "--sensor lines --baud 115200 --columns t,ax,ay,az,gx,gy,gz --unit acc='0.001 g' --separator ';'"
+        " --prefix 'IMU ' --wrap 65536 --grip tap --closed --tolerance 2"
+    )
     _, _, err = run(capsys, "record", "my tea", "--take", "2", "--port", "/dev/nothing", *words)
     assert err.startswith("pbd: take 2: turn the sensor by a quarter about the vertical, as it lies at the dock: ")
     for take in (1, 2):
