@@ -139,7 +139,7 @@ def _report(args: argparse.Namespace, outcome: Outcome) -> None:
     if args.json:
         figures = ("samples", "duration_s", "lost", "bad_packets", "stops", "ended_by")
         counts = {name: getattr(outcome, name) for name in figures}
-        print_json({"demo": folder, **counts, "failed": bool(outcome.why_failed)})
+        print_json({"demo": folder, **counts, "failed": bool(outcome.why_failed), "why": outcome.why_failed or None})
     elif outcome.folder is None:
         print("discarded", file=sys.stderr)
     else:

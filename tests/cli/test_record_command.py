@@ -286,6 +286,8 @@ def test_a_recording_that_cannot_be_tracked_says_so_at_its_end(capsys: pytest.Ca
     with pytest.warns(UserWarning, match=r"^demos/stuck/imu.csv: it is frozen$"):
         _report(argparse.Namespace(json=False, take=None, rate=None), outcome)
     assert "next:" not in capsys.readouterr().out
+    _report(argparse.Namespace(json=True, take=None, rate=None), outcome)
+    assert json.loads(capsys.readouterr().out)["why"] == "it is frozen"
 
 
 @pytest.mark.parametrize(("number", "code"), [(errno.ENOSPC, 1), (errno.EPIPE, 141), (errno.EIO, 0)])
