@@ -102,7 +102,7 @@ def _report(args: argparse.Namespace, placed: KeyframesInBase, before: TouchedUp
     for k, figures in enumerate(zip(moved_m, old, new, strict=True)):
         table.add_row(str(k), *units.lengths(start[k]), *units.lengths(end[k]), *fine.lengths(figures, finer=1))
     print_result(args, result, table)
-    if args.json or args.only or args.undo:
+    if args.only or args.undo:
         return
     if moved_m[args.keyframe] > OFF_SIGMAS * old[args.keyframe]:
         off = f"{100.0 * moved_m[args.keyframe]:.1f} cm, {moved_m[args.keyframe] / old[args.keyframe]:.0f} sigma"

@@ -205,6 +205,8 @@ def test_a_touch_up_that_no_error_of_tracking_explains_is_told(tea: Path, capsys
     assert "hardly" not in run(capsys, "touch", "tea", "2", "--robot", "panda", "--by", "0", "0", "0")[2]
     told = "pbd: warning: keyframe 2 was off by 10.0 cm, "
     assert told in run(capsys, *far)[2]
+    assert run(capsys, "touch", "tea", "--robot", "panda", "--undo")[0] == 0
+    assert told in run(capsys, *far, "--json")[2]
     assert told not in run(capsys, *far, "--only")[2]
 
 
