@@ -56,7 +56,7 @@ def test_one_that_was_set_aside_is_left_out_beside_others(takes: list[str], caps
     ("command", "said"),
     [
         (("fuse", "-o", "x"), "no demonstration named 'demos/a'"),
-        (("plot", "--csv"), "--csv prints the spread of several demonstrations"),
+        (("plot", "--csv"), "are for the spread of several demonstrations"),
         (("export", "--robot", "ur5", "-o", "x.csv"), "no demonstration named 'demos/a'"),
     ],
 )
