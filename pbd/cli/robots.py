@@ -112,8 +112,7 @@ def _collision(arm: ArmModel) -> dict[str, Any]:
 def _rank_robots(args: argparse.Namespace) -> None:
     """Plan the demonstration for each robot, and print them: first those that hold its poses, the fastest first."""
     demo = load_demonstration(args.demo)
-    named_calibration(args)  # refuses an unknown one, before all arms do
-    path, _ = track_demonstration(args, demo, None)
+    path, _ = track_demonstration(args, demo, named_calibration(args))
     arms = [args.robot] if args.robot else names("robots")
     rows = []
     for number, name in enumerate(arms, start=1):
