@@ -215,7 +215,7 @@ def test_what_stands_in_the_table_is_told(capsys: Capture, elsewhere: Path) -> N
     result = run_json(capsys, "replay", "paper-test2", "--robot", "ur5", "--calibration", "c.toml")
     (told,) = result["warnings"]
     assert told.startswith("not checked against the table, since it nearly always touches it: shoulder_link")
-    assert told.endswith("; if that is wrong, correct table_height in the calibration")
+    assert told.endswith("; if that is wrong, correct table_height in the calibration or in the robot's [dock]")
 
 
 def test_a_motion_without_a_table_says_that_none_is_checked(capsys: Capture, elsewhere: Path) -> None:
@@ -226,7 +226,7 @@ def test_a_motion_without_a_table_says_that_none_is_checked(capsys: Capture, els
     run(capsys, "calibrate", "dock", "low", "--position", "0.4", "-0.15", "-0.2", "--robot", "mine")
     command = ("export", "paper-test2", "--robot", "mine", "--calibration", "low", "-o", "x.npz", "--json")
     (told,) = json.loads(run(capsys, *command)[1])["warnings"]
-    assert told.startswith("no table is checked: write table_height (m in base;")
+    assert told.startswith("no table is checked: write table_height in the calibration or in the robot's [dock] (m")
     file = elsewhere / "calibration" / "low.toml"
     file.write_text(f"table_height = -0.5\n{file.read_text(encoding='utf-8')}")
     code, out, err = run(capsys, *command)
