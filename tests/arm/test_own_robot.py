@@ -11,6 +11,7 @@ from pbd.arm.ik.branches import configuration_cost
 from pbd.arm.ik.starts import reach
 from pbd.arm.model import load_model
 from pbd.calibration.tool_poses import with_table
+from pbd.cli.calibrate.dock import tool_at_joints
 from pbd.data import Robot
 from pbd.errors import PbdWarning, PlanError, collected_warnings
 from pbd.files.robot import load_robot, read_robot
@@ -103,6 +104,8 @@ def test_a_start_of_a_joint_that_slides_is_told_in_metres(mine: Robot, tmp_path:
     rail, start = load_robot("mine"), PlanOptions(start=(9.0, *mine.home[1:].tolist()))
     with pytest.raises(PlanError, match=r"the start has joint1 at 9 m, outside its .* in m, or with --units mm"):
         plan_keyframes(keyframes_of("pouring"), not_none(mine.dock), rail, start)
+    with pytest.raises(PlanError, match=r"joint joint1 can't be at 9: its limits are -3 to 3; give m within them"):
+        tool_at_joints([9.0, *mine.home[1:].tolist()], rail)
 
 
 def test_its_own_dock_is_named_where_it_has_no_table(mine: Robot) -> None:
