@@ -75,15 +75,6 @@ class WrongValueError(UsageError, ValueError):
     """An argument of a Python function has a value that it can't have, such as a size below zero."""
 
 
-@contextmanager
-def errors_about(name: str) -> Iterator[None]:
-    """Put a name, of one of several demonstrations, before the message of a PbdError that is raised inside."""
-    try:
-        yield
-    except PbdError as error:
-        raise type(error)(f"{name}: {error.message}", **error.fields) from None
-
-
 class PbdWarning(UserWarning):
     """Something was repaired or assumed. The result is valid, but the user should know."""
 
@@ -125,6 +116,20 @@ def collected_warnings(tell: Callable[[str], object] = str) -> Iterator[list[str
         yield collected
     finally:
         _collect.reset(before)
+
+
+@contextmanager
+def naming(name: str) -> Iterator[None]:
+    """Put a name, of one of several demonstrations, before the messages of the warnings and the PbdError inside."""
+    told: list[str] = []
+    try:
+        with collected_warnings() as told:
+            yield
+    except PbdError as error:
+        raise type(error)(f"{name}: {error.message}", **error.fields) from None
+    finally:
+        for message in told:
+            warn(f"{name}: {message}")
 
 
 _FILTERS = Lock()

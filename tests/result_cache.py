@@ -1,7 +1,6 @@
 """Caches the results of tracking and planning by input, for tests of what commands print and write."""
 
 import importlib
-import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import fields, is_dataclass
 from functools import cache, partial
@@ -11,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from pbd.data import Robot
+from pbd.errors import collected_warnings, warn
 
 FUNCTIONS = (
     ("pbd.pipeline", "track_recording"),
@@ -45,24 +45,23 @@ def key(value: object) -> object:
 def remembering(module: str, function: str) -> Callable[..., Any]:
     """A cached version of a function, which repeats the warnings and the exception of the first call."""
     asked: Callable[..., Any] = getattr(importlib.import_module(module), function)
-    answers: dict[object, tuple[Any, Exception | None, list[Warning | str]]] = {}
+    answers: dict[object, tuple[Any, Exception | None, list[str]]] = {}
 
     def remembered(*args: object, **options: object) -> Any:
         question = key((args, options))
         if question not in answers:
             answer, error = None, None
-            with warnings.catch_warnings(record=True) as told:
-                warnings.simplefilter("always")
+            with collected_warnings() as told:
                 try:
                     answer = asked(*args, **options)
                 except Exception as refusal:
                     error = refusal
-            answers[question] = answer, error, [each.message for each in told]
+            answers[question] = answer, error, told
             if len(answers) > MOST:
                 del answers[next(iter(answers))]
         answer, error, messages = answers[question]
         for message in messages:
-            warnings.warn(message, stacklevel=3)
+            warn(message)
         if error is not None:
             raise error.with_traceback(None)
         return answer

@@ -9,7 +9,7 @@ import pytest
 
 from pbd.arm.collision.scene import CollisionScene
 from pbd.arm.motion_request import Motion
-from pbd.cli.plan_report import remarks
+from pbd.cli.plan_report import remarks, unfollowed
 from pbd.data import Obstacle
 from pbd.errors import PlanError, RobotError
 from pbd.files.demo import load_demo
@@ -180,7 +180,7 @@ def test_a_move_on_which_the_hand_went_round_or_turned_is_named(degrees: float, 
     task = Task("turn", (Waypoint(rest_s=2.0), turn), p_sensor_point=(0.0, arm_m, 0.0))
     path = track(simulate(task).recording)
     straight, demo = (
-        [each for each in remarks(plan_path(path, not_none(UR5.dock), UR5, options), None) if did in each]
+        unfollowed(plan_path(path, not_none(UR5.dock), UR5, options))
         for options in (PlanOptions(), PlanOptions(path="demo"))
     )
     assert straight == [f"between keyframes 0 and 1 the hand {did}; only --path demo follows the hand"]
@@ -192,7 +192,7 @@ def test_a_long_stay_that_the_arm_cuts_is_named() -> None:
     there = [Waypoint((0.1 * i, 0.0, 0.0), move_s=1.0, rest_s=s) for i, s in enumerate((1.7, 4.0, 9.0), start=1)]
     path = track(simulate(Task("pour", (Waypoint(rest_s=9.0), *there))).recording)
     cut, kept = (
-        [each for each in remarks(plan_path(path, not_none(UR5.dock), UR5, options), None) if "stayed" in each]
+        unfollowed(plan_path(path, not_none(UR5.dock), UR5, options))
         for options in (PlanOptions(), PlanOptions(dwell_s=5.0))
     )
     assert len(cut) == 1

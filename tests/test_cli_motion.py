@@ -12,11 +12,14 @@ import pytest
 import pbd
 from pbd.arm.tool_deviation import ToolDeviation
 from pbd.cli.plan_report import remarks
-from pbd.files.demo import load_demo
+from pbd.files.demo import load_demo, write_demo
 from pbd.files.find_by_name import bundled
 from pbd.files.robot import load_robot
 from pbd.pipeline import track
 from pbd.planning import plan_path
+from pbd.simulation.hand_motion import Waypoint
+from pbd.simulation.simulate import simulate
+from pbd.simulation.tasks import Task
 from tests.arm.bundled import FOLDER
 from tests.cli.run_command import Capture, refused, run, run_json
 from tests.faulty_inputs import LOW_DOCK, OBSTACLE
@@ -212,7 +215,7 @@ def test_what_stands_in_the_table_is_told(capsys: Capture, elsewhere: Path) -> N
     result = run_json(capsys, "replay", "paper-test2", "--robot", "ur5", "--calibration", "c.toml")
     (told,) = result["warnings"]
     assert told.startswith("not checked against the table, since it nearly always touches it: shoulder_link")
-    assert told.endswith("; if that is wrong, correct table_height in the calibration")
+    assert told.endswith("; if that is wrong, correct table_height in the calibration or in the robot's [dock]")
 
 
 def test_a_motion_without_a_table_says_that_none_is_checked(capsys: Capture, elsewhere: Path) -> None:
@@ -223,7 +226,7 @@ def test_a_motion_without_a_table_says_that_none_is_checked(capsys: Capture, els
     run(capsys, "calibrate", "dock", "low", "--position", "0.4", "-0.15", "-0.2", "--robot", "mine")
     command = ("export", "paper-test2", "--robot", "mine", "--calibration", "low", "-o", "x.npz", "--json")
     (told,) = json.loads(run(capsys, *command)[1])["warnings"]
-    assert told.startswith("no table is checked: write table_height (m in base;")
+    assert told.startswith("no table is checked: write table_height in the calibration or in the robot's [dock] (m")
     file = elsewhere / "calibration" / "low.toml"
     file.write_text(f"table_height = -0.5\n{file.read_text(encoding='utf-8')}")
     code, out, err = run(capsys, *command)
@@ -278,6 +281,14 @@ def test_keyframes_have_the_joints_of_the_motion_that_was_asked_for(capsys: Capt
         written = json.loads(Path("k.json").read_text())["keyframes"]
         assert joints[options] == pytest.approx(np.array([row["joints"] for row in written]), abs=1e-9)
     assert np.abs(joints[()] - joints["--no-retreat",]).max() > 0.1
+
+
+def test_a_program_learns_that_a_stay_is_cut(capsys: Capture) -> None:
+    stays = [Waypoint((0.1 * i, 0.0, 0.0), move_s=1.0, rest_s=4.0) for i in (1, 2)]
+    write_demo(simulate(Task("stay", (Waypoint(rest_s=2.0), *stays))), Path("demos/stay"))
+    for command in (["replay", "--html", "stay.html"], ["export", "-o", "stay.csv"]):
+        (told,) = run_json(capsys, *command, "stay", *PANDA)["warnings"]
+        assert told.startswith("the hand stayed 4.0 s at keyframe 1, the arm 0.5 s; ")
 
 
 def test_keyframes_of_an_arm_of_five_joints_say_the_size_and_how_far_off_the_tool_is(capsys: Capture) -> None:

@@ -85,6 +85,8 @@ def test_two_are_compared(capsys: Capture, elsewhere: Path, monkeypatch: pytest.
         "tracking 'paper-test1'",
         "tracking 'paper-test2'",
         "tracking 'paper-test1 (2)'",
+        "warning: paper-test1: 3 samples of the gyro's x axis are at the end of the range",
+        "warning: paper-test1 (2): 3 samples of the gyro's x axis are at the end of the range",
         "paper-test2 has no keyframes 1 (2.6 s in paper-test1), 2 (",
         f"wrote 2 files into {folder.relative_to(elsewhere)}",
     ):

@@ -303,6 +303,19 @@ def test_times_as_samples_come_increase_and_follow(rate_hz: float, kind: str) ->
     assert np.percentile(np.abs(off - np.median(off)), 95) < 0.005
 
 
+@pytest.mark.parametrize("bursts", [True, False], ids=["bursts in pieces", "a stall at the start"])
+def test_two_seconds_between_arrivals_do_not_spread_the_samples(bursts: bool) -> None:
+    """They seemed to lie between two samples."""
+    k = np.arange(3000)
+    arrival = 2.0 * (k // 200 + 1) + 0.004 * (k % 200 // 70)
+    if not bursts:
+        arrival = np.where(abs(k - 149.5) < 100.0, 2.5, 0.01 * k)
+    stamper = Stamper[None]()
+    stamped = [each for at in arrival.tolist() for each in stamper.stamp(None, at)]
+    assert len(stamped) == len(k)
+    assert np.diff([t for t, _ in stamped]) == pytest.approx(0.01, rel=0.01)
+
+
 def test_scattered_losses_neither_bias_the_interval_nor_are_noticed_late() -> None:
     """Of samples that come when they are taken 1.5 % are lost. The interval was 1.5 % too long, and no loss seen."""
     rng = np.random.default_rng(0)

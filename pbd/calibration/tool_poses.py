@@ -34,7 +34,7 @@ class KeyframesInBase:
 
 def with_table(calibration: Calibration, robot: Robot) -> Calibration:
     """Return the calibration; if it has no table, with that of the robot's own dock, on which the robot stands."""
-    if calibration.table_height is not None or robot.dock is None:
+    if calibration.table_height is not None or robot.dock in (None, calibration):
         return calibration
     return replace(calibration, table_height=robot.dock.table_height)
 

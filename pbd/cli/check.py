@@ -13,7 +13,6 @@ from pbd.check_demos import DemoCheck, check_all
 from pbd.cli.common import print_result, without_aside
 from pbd.cli.console import say
 from pbd.errors import RecordingError, listed
-from pbd.files.find_by_name import find
 from pbd.files.robot import load_robot
 from pbd.planning.result import robot_remark
 from pbd.view.safe_console import SafeConsole
@@ -40,18 +39,7 @@ def run(args: argparse.Namespace) -> None:
     print_result(args, {"demos": [_row(check) for check in checks]}, _table(checks, args.robot, args.units))
     if unusable := [check.name for check in checks if not check.usable]:
         what = f"{len(unusable)} of {len(checks)} can't be used: {listed(unusable)}"
-        missing = list(filter(_is_missing, unusable))
-        again = "; leave them out, or record them again" if len(missing) < len(unusable) else ""
-        unknown = f"; there is no demonstration {listed(missing)}" if missing else ""
-        raise RecordingError(f"{what}{again}{unknown}", value=len(unusable))
-
-
-def _is_missing(name: str) -> bool:
-    try:
-        find("demos", name, RecordingError)
-    except RecordingError:
-        return True
-    return False
+        raise RecordingError(f"{what}; leave them out, or put right what is said of each", value=len(unusable))
 
 
 def _worst_first(check: DemoCheck) -> tuple[bool, int, int, float]:

@@ -122,7 +122,7 @@ def _start_joints(args: argparse.Namespace, robot: Robot) -> tuple[float, ...]:
 
     angle = args.units.angle if "angle" in args.units.asked else "rad"
     length = args.units.length if "length" in args.units.asked else "m"
-    turns = arm_of(robot).turns if (angle, length) != ("rad", "m") else [True] * len(robot.joints)
+    turns = arm_of(robot).turns
     per_si = [ANGLES[angle][0] if turn else LENGTHS[length][0] for turn in turns]
     unit = angle if all(turns) else f"{angle} (joints that slide: {length})"
     return read_joints(args.start, robot.joints, unit, per_si)

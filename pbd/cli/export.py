@@ -3,7 +3,7 @@
 import argparse
 import shutil
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -13,8 +13,8 @@ import numpy as np
 
 from pbd.cli.common import load_demonstration, named_calibration, plan_demonstration, track_demonstration, without_aside
 from pbd.cli.console import print_json, say, working
-from pbd.cli.plan_report import moves_json, plan_json, remarks
-from pbd.errors import PbdError, PlanError, UsageError, errors_about, listed
+from pbd.cli.plan_report import moves_json, plan_json, remarks, unfollowed
+from pbd.errors import PbdError, PlanError, UsageError, listed, naming, warn
 from pbd.files.exporters import DATASETS, FORMATS, SUFFIXES, Export, check_format, check_suffix, export, export_dataset
 from pbd.files.exporters.lerobot import first_frame_text, refuse_dataset
 from pbd.files.exporters.tum import write_poses
@@ -43,7 +43,8 @@ def run(args: argparse.Namespace) -> None:
     if args.robot is None:
         return _write_hand(args, format_name)
     plans = [_plan(args, name) for name in args.demos or (None,)]
-    _say_remarks(plans, args.calibration)
+    _tell(warn, plans, unfollowed)
+    _tell(say, plans, lambda plan: remarks(plan, args.calibration))
     done = _write(args, plans, format_name)
     count, duration = sum(len(each.samples.t) for each in done), sum(plan.trajectory.duration for plan in plans)
     name = "to standard output" if args.output == STDOUT else args.output
@@ -78,7 +79,7 @@ def _write_hand(args: argparse.Namespace, format_name: str) -> None:
 
 def _plan(args: argparse.Namespace, name: str | None) -> Plan:
     args.demo = name
-    with errors_about(name) if name and len(args.demos) > 1 else nullcontext():
+    with naming(name) if name and len(args.demos) > 1 else nullcontext():
         plan = plan_demonstration(args)
     if plan.touching is not None:
         touches = plan.touching.error
@@ -87,14 +88,14 @@ def _plan(args: argparse.Namespace, name: str | None) -> Plan:
     return plan
 
 
-def _say_remarks(plans: list[Plan], calibration: str | None) -> None:
-    """Say the remarks on the motions: one on all of them once, one on some of them with their names."""
+def _tell(tell: Callable[[str], None], plans: list[Plan], remarks_on: Callable[[Plan], list[str]]) -> None:
+    """Tell the remarks on the motions: one on all of them once, one on some of them with their names."""
     named: dict[str, list[str]] = {}
     for plan in plans:
-        for remark in remarks(plan, calibration):
+        for remark in remarks_on(plan):
             named.setdefault(remark, []).append(plan.name)
     for remark, whose in named.items():
-        say(remark if len(whose) == len(plans) else f"{listed(whose)}: {remark}")
+        tell(remark if len(whose) == len(plans) else f"{listed(whose)}: {remark}")
 
 
 def _json(args: argparse.Namespace, format_name: str, demo: str | None, plan: Plan, done: Export) -> dict[str, Any]:

@@ -6,7 +6,13 @@ from dataclasses import replace
 from pbd.cli.common import named_calibration, print_result, say_if_hiding_bundled, without_aside, write_figures
 from pbd.cli.console import say, working
 from pbd.errors import UsageError, amount, listed
-from pbd.files.calibration_edit import calibration_to_update, sensor_parts, update_calibration, warn_of_nav
+from pbd.files.calibration_edit import (
+    calibration_file,
+    calibration_to_update,
+    sensor_parts,
+    update_calibration,
+    warn_of_nav,
+)
 from pbd.files.demo import (
     demo_folder,
     load_demo,
@@ -26,13 +32,17 @@ from pbd.view.terminal_tables import print_table
 def run(args: argparse.Namespace) -> None:
     """Fuse the takes, write the demonstration, and print which keyframes were matched."""
     folder = demo_folder(args.output)
-    refuse_demo_folder(folder, args.force)
+    file = calibration_file(args.save_calibration) if args.save_calibration else None
+    for output in filter(None, (args.plot, file)):
+        if folder.resolve() in (output.resolve(), *output.resolve().parents):
+            raise UsageError(f"{output} is in {folder}, which is written as a whole; give another place")
     with working("reading the takes"):
         takes = [load_demo(name) for name in without_aside(args.takes)]
     if len(takes) == 1 and not takes[0].takes:
         raise UsageError("name two takes or more; one alone is a demonstration already")
     demo = fused_demo(takes)
     refuse_unwritable_fused(demo, folder)
+    refuse_demo_folder(folder, args.force)
     info = replace(demo.recording.info, name=folder.name, created=utc_now())
     demo = replace(demo, recording=replace(demo.recording, info=info))
     calibration = named_calibration(args)
@@ -46,10 +56,9 @@ def run(args: argparse.Namespace) -> None:
 
         files = write_figures(args.plot, "png", FUSION_FIGURES, lambda name: FUSION_FIGURES[name](fusion))
     saved = {}
-    if args.save_calibration:
+    if file is not None:
         errors, figures = device_errors(path)
-        file, before = calibration_to_update(args.save_calibration)
-        warn_of_nav(file, before)
+        warn_of_nav(file, calibration_to_update(args.save_calibration)[1])
         update_calibration(file, sensor_parts(errors, figures))
         saved = {"calibration": str(file)}
         say(f"{file}: [sensor] of '{errors.sensor}' from {amount(int(figures['takes']), 'take')}")

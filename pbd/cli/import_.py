@@ -13,7 +13,7 @@ from pbd.errors import PbdError, RecordingError, SensorError, TrackingError, Usa
 from pbd.files.demo import demo_folder, shell_word
 from pbd.files.importers import import_file
 from pbd.files.importers.columns import WHY_UNUSED
-from pbd.io.atomic import is_file, is_folder
+from pbd.io.atomic import exists
 from pbd.pipeline import track
 from pbd.record.redecode import decode_raw
 from pbd.record.session_types import FEWEST_STOPS
@@ -28,7 +28,7 @@ MOST_PRINTED = 200
 def run(args: argparse.Namespace) -> None:
     """Import the file, store it as a demonstration, and print how its columns were understood."""
     folder = demo_folder(args.name)
-    if not (is_file(args.file) or is_folder(args.file)):
+    if not exists(args.file):
         raise RecordingError(f"no file {args.file}; give the path of a recording", path=args.file)
     if folder.resolve() in (args.file.resolve(), *args.file.resolve().parents):
         raise RecordingError(f"{args.file} is in {folder}, which it would replace; give another name", path=args.file)
@@ -75,12 +75,13 @@ def _read(args: argparse.Namespace) -> Demonstration:
     """Read the file. Raw bytes, and lines without a header, are decoded as `pbd record` does."""
     if args.columns and not args.sensor:
         raise UsageError("--columns names the numbers of --sensor lines: add --sensor lines")
-    if args.columns and args.column:
-        raise UsageError("--column is for a file with a header; turn or swap names in --columns itself, as ax,ay,-az")
     if args.file.suffix.lower() != ".bin" and not args.columns:
         refuse_columns(args, "a file with a header")
         with working(f"reading {args.file}"):
             return import_file(args.file, dict(args.column), dict(args.unit), args.rate, args.topic)
+    if args.column or args.topic is not None:
+        instead = "turn or swap names in --columns itself, as ax,ay,-az" if args.columns else "leave them out"
+        raise UsageError(f"--column is for a file with a header, and --topic for a bag; {instead}")
     if not args.sensor:
         raise SensorError(f"{args.file} holds a sensor's raw bytes; name the sensor with --sensor", path=args.file)
     make = decoder_maker(args, args.sensor)

@@ -182,11 +182,14 @@ def _add_units(parser: argparse._ActionsContainer, usual: str, help_text: str) -
     def parsed(text: str) -> Units:
         from pbd.view.units import parse_units
 
-        standard = replace(parse_units(usual), asked=frozenset())
+        standard = parse_units(usual)
         try:
-            return parse_units(text, standard) if text else standard
+            units = parse_units(text, standard) if text else replace(standard, asked=frozenset())
         except ValueError as reason:
             raise argparse.ArgumentTypeError(str(reason)) from None
+        if other := sorted(units.asked - standard.asked):
+            raise argparse.ArgumentTypeError(f"nothing here has a unit of {other[0]}: leave it out")
+        return units
 
     option(parser, "--units", "U", f"{help_text} ({usual})", type=parsed, default="")
 

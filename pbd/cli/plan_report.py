@@ -24,8 +24,8 @@ ASKED_REST_S = 2.0
 
 
 def remarks(plan: Plan, calibration: str | None) -> list[str]:
-    """Return the remarks on a plan: its place, size, table, torques, curved moves, how far hand and tool stray."""
-    found = [*whole_motion_remarks(plan, calibration), *_hand_remark(plan), *_stay_remark(plan)]
+    """Return the remarks on a plan: its place, size, table, torques, curved moves, how far the tool strays."""
+    found = whole_motion_remarks(plan, calibration)
     for i, move in enumerate(plan.segments):
         if (hit := move.avoided) is not None and move.kind != "detour":  # planning reports detours
             how = "as the hand went" if move.kind == "demo" else "along a line"
@@ -51,7 +51,12 @@ def remarks(plan: Plan, calibration: str | None) -> list[str]:
     return [*found, f"between keyframes {worst - 1} and {worst} {strays}; {how}"]
 
 
-def _hand_remark(plan: Plan) -> list[str]:
+def unfollowed(plan: Plan) -> list[str]:
+    """Return the warnings about what the hand did and the arm does not: ways round, turns, a long stay."""
+    return [*_lost_ways(plan), *_lost_stays(plan)]
+
+
+def _lost_ways(plan: Plan) -> list[str]:
     """Return on which move the hand left the direct way most, if there are any on which the arm does not follow it."""
     left = [
         (hand.turns, hand.turn_rad if hand.turns else hand.off_line_m, i, hand)
@@ -69,7 +74,7 @@ def _hand_remark(plan: Plan) -> list[str]:
     return [f"between keyframes {worst - 1} and {worst} the hand {did}; {how}"]
 
 
-def _stay_remark(plan: Plan) -> list[str]:
+def _lost_stays(plan: Plan) -> list[str]:
     """Return the longest stay of the hand on the way, if it was meant and the arm's is shorter."""
     arm_s, inner = dwells(plan.keyframes, plan.options), range(1, len(plan.keyframes) - 1)
     longest = max(inner, key=lambda i: plan.keyframes[i].dwell_s, default=0)

@@ -14,7 +14,7 @@ from pbd.cli.common import (
 )
 from pbd.cli.console import print_json, say, working
 from pbd.data import Calibration, Demonstration, HandPath, Keyframe
-from pbd.errors import TrackingError, UsageError, collected_warnings, errors_about, warn
+from pbd.errors import TrackingError, UsageError, collected_warnings, naming, warn
 from pbd.io.atomic import refuse_folder
 
 LONGEST_NAME = 60
@@ -26,9 +26,9 @@ def run(args: argparse.Namespace) -> None:
     args.demos = without_aside(args.demos)
     if len(args.demos) > 1:
         return _compare(args)
-    if args.csv:
-        wanted = "name two or more, or use `pbd keyframes DEMO --csv`"
-        raise UsageError(f"--csv prints the spread of several demonstrations; {wanted}")
+    if args.csv or args.units.asked:
+        wanted = "name two or more, or use `pbd keyframes DEMO`"
+        raise UsageError(f"--csv and --units are for the spread of several demonstrations; {wanted}")
     demo = load_demonstration(args.demos[0] if args.demos else None)
     folder = _figures_folder(args.save, _folder_name(demo))
     path, _ = _tracked(args, demo, named_calibration(args))
@@ -58,7 +58,7 @@ def _compare(args: argparse.Namespace) -> None:
     tracked = []
     for title, demo in zip(titles, loaded, strict=True):
         say(f"tracking '{title}'")
-        with errors_about(title):
+        with naming(title):
             tracked.append((title, *_tracked(args, demo, calibration)))
     with working("comparing"):
         from pbd.plots.compare import compare, spread_rows, spread_table

@@ -29,6 +29,12 @@ from pbd.view.terminal import discard_rest
 
 SIMULATED = "sim"
 
+KEPT = (
+    *("sensor", "port", "baud", "rate", "columns", "separator", "prefix", "wrap", "calibration"),
+    *("duration", "tolerance", "grip", "closed", "raw", "reconnect", "live"),
+)
+"""Options, besides --unit, that the advised command of the next take repeats."""
+
 HOLDS = (
     "hold the sensor as you like, and remember how",
     "turn the sensor by a quarter about the vertical, as it lies at the dock",
@@ -48,8 +54,9 @@ def run(args: argparse.Namespace) -> None:
     folder = demo_folder(name)
     kind, _, task = (args.sensor or "").partition(":")
     if kind == SIMULATED:
-        if args.port or args.baud or args.rate:
-            raise UsageError("a simulated sensor has no port, baud or rate to choose; leave out --port, --baud, --rate")
+        if args.port or args.baud or args.rate or args.unit:
+            what = "a simulated sensor has no port, baud, rate or unit to choose"
+            raise UsageError(f"{what}; leave out --port, --baud, --rate, --unit")
         refuse_columns(args, kind)
     elif kind:
         decoder_maker(args, args.sensor, also=(SIMULATED,))  # an unknown sensor is reported before anything else
@@ -132,7 +139,7 @@ def _report(args: argparse.Namespace, outcome: Outcome) -> None:
     if args.json:
         figures = ("samples", "duration_s", "lost", "bad_packets", "stops", "ended_by")
         counts = {name: getattr(outcome, name) for name in figures}
-        print_json({"demo": folder, **counts, "failed": bool(outcome.why_failed)})
+        print_json({"demo": folder, **counts, "failed": bool(outcome.why_failed), "why": outcome.why_failed or None})
     elif outcome.folder is None:
         print("discarded", file=sys.stderr)
     else:
@@ -161,9 +168,9 @@ def _next_command(args: argparse.Namespace, folder: Path) -> str:
     """Return the command that follows a recording; after a take, the next take, or `pbd fuse`."""
     if args.take is None:
         return f"pbd keyframes {shell_word(folder)}"
-    kept = [(name, getattr(args, name)) for name in ("sensor", "port", "baud", "rate", "columns", "calibration")]
-    kept += [("unit", f"{kind}={unit}") for kind, unit in args.unit]
-    again = "".join(f" --{name} {shlex.quote(str(value))}" for name, value in kept if value)
+    given = [(name, getattr(args, name)) for name in KEPT if getattr(args, name) != args.parser.get_default(name)]
+    given += [("unit", f"{kind}={unit}") for kind, unit in args.unit]
+    again = "".join(f" --{name}" if value is True else f" --{name} {shlex.quote(str(value))}" for name, value in given)
     more = f"pbd record {shlex.quote(args.name)} --take {args.take + 1}{again}"
     folders = (folder.with_name(f"{Path(args.name).name}{take}") for take in range(1, args.take + 1))
     takes = [shell_word(take) for take in folders if _can_be_fused(take)]

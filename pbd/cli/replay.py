@@ -5,8 +5,8 @@ import math
 
 from pbd.cli.common import plan_demonstration
 from pbd.cli.console import print_json, say, working
-from pbd.cli.plan_report import moves_json, plan_json, remarks, touching_json
-from pbd.errors import UsageError
+from pbd.cli.plan_report import moves_json, plan_json, remarks, touching_json, unfollowed
+from pbd.errors import UsageError, warn
 from pbd.io.atomic import refuse_output
 from pbd.replay import replay_scene
 from pbd.view.page import write_page
@@ -20,6 +20,8 @@ def run(args: argparse.Namespace) -> None:
         if args.html.suffix.lower() not in (".html", ".htm"):
             raise UsageError(f"--html needs a name that ends in .html, got '{args.html}'")
     plan = plan_demonstration(args)
+    for what in unfollowed(plan):
+        warn(what)
     warned = list(args.warnings)
     used = 100.0 * max(plan.report.velocity, plan.report.acceleration, plan.report.jerk)
     audited = f"{plan.trajectory.duration:.1f} s, audited, at most {used:.0f} % of the limits"

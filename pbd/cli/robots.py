@@ -30,7 +30,7 @@ from pbd.view.units import Units
 def run(args: argparse.Namespace) -> None:
     """List the robots, or show one; or suggest a home and a dock for one; or rank them by a demonstration."""
     if args.calibration and (args.suggest is not None or args.demo is None):
-        raise UsageError("--calibration is for --for, which ranks the robots: leave it out")
+        raise UsageError("--calibration is for ranking the robots by --for: leave it out")
     if args.suggest is not None:
         _suggest_home_and_dock(args)
     elif args.demo is not None:
@@ -112,8 +112,7 @@ def _collision(arm: ArmModel) -> dict[str, Any]:
 def _rank_robots(args: argparse.Namespace) -> None:
     """Plan the demonstration for each robot, and print them: first those that hold its poses, the fastest first."""
     demo = load_demonstration(args.demo)
-    named_calibration(args)  # refuses an unknown one, before all arms do
-    path, _ = track_demonstration(args, demo, None)
+    path, _ = track_demonstration(args, demo, named_calibration(args))
     arms = [args.robot] if args.robot else names("robots")
     rows = []
     for number, name in enumerate(arms, start=1):
@@ -160,7 +159,7 @@ def _ranked_table(rows: list[dict[str, Any]], units: Units) -> Table:
 
 def _suggest_home_and_dock(args: argparse.Namespace) -> None:
     """Search for them, and print them with the reasons for the choice."""
-    if args.robot or args.csv:
+    if args.robot or args.csv or args.units.asked:
         raise UsageError("--suggest takes the file itself, and prints TOML, or JSON with --json")
     robot = read_robot(args.suggest, draft=True)
     name = args.demo or "pouring"

@@ -28,6 +28,8 @@ def run(args: argparse.Namespace) -> None:
         return _prepare_phone(args)
     if args.output is not None:
         raise UsageError("-o is for a phone: pbd sensors phyphox -o FILE")
+    if args.port and not args.probe:
+        raise UsageError("--port is the port to listen to: add --probe")
     ports = (serial_port.PortInfo(args.port, "", ""),) if args.port else serial_port.list_ports()
     rows: list[dict[str, str | int | None]] = []
     for port in ports:

@@ -11,8 +11,9 @@ from pbd.calibration.touch_up import TouchedUp, demonstrated_places, touched_pos
 from pbd.cli.common import load_demonstration, print_result, save_keyframes, track_demonstration
 from pbd.cli.console import say
 from pbd.data import TouchUp
+from pbd.data.world import beyond_reach
 from pbd.errors import RecordingError, UsageError, warn
-from pbd.files.keyframes import KEYFRAMES_FILE
+from pbd.files.keyframes import FARTHEST_M, KEYFRAMES_FILE
 from pbd.files.keyframes_edit import add_touch_up, undo_touch_up
 from pbd.io.numbers import LARGEST_NUDGE_M
 from pbd.planning import load_robot_and_calibration
@@ -74,12 +75,15 @@ def _touch_up(args: argparse.Namespace, placed: KeyframesInBase) -> TouchUp:
             "along each of nav's axes; --by and --at are in metres: correct them"
         )
     t, place = placed.keyframes[args.keyframe].t, demonstrated_places(placed)[args.keyframe]
+    if far := beyond_reach(place, FARTHEST_M):
+        raise RecordingError(f"keyframe {args.keyframe} is at {far}; correct --scale, or the dock", value=args.scale)
     return TouchUp(t, by_nav, args.only, from_base_m=place)
 
 
 def _undo_command(args: argparse.Namespace) -> str:
     """Return the command that undoes this touch-up."""
     by = f" --calibration {shlex.quote(args.calibration)}" if args.calibration else ""
+    by += " --accept-gap" if args.accept_gap else ""
     return f"`pbd touch {shlex.quote(args.demo)} --robot {shlex.quote(args.robot)}{by} --undo`"
 
 
@@ -98,7 +102,7 @@ def _report(args: argparse.Namespace, placed: KeyframesInBase, before: TouchedUp
     for k, figures in enumerate(zip(moved_m, old, new, strict=True)):
         table.add_row(str(k), *units.lengths(start[k]), *units.lengths(end[k]), *fine.lengths(figures, finer=1))
     print_result(args, result, table)
-    if args.json or args.only or args.undo:
+    if args.only or args.undo:
         return
     if moved_m[args.keyframe] > OFF_SIGMAS * old[args.keyframe]:
         off = f"{100.0 * moved_m[args.keyframe]:.1f} cm, {moved_m[args.keyframe] / old[args.keyframe]:.0f} sigma"

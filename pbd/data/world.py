@@ -18,6 +18,9 @@ REACH_M = 10.0
 TABLE, THE_TOOL = "the table", "the tool"
 """Names of the table, and of the rod before the gripper, in collision checks."""
 
+TABLE_HEIGHT = "table_height in the calibration or in the robot's [dock]"
+"""Where a person corrects the table."""
+
 IN_METRES = "give metres, not cm or mm"
 """What to do about a length that `beyond_reach` found."""
 

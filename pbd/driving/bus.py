@@ -29,11 +29,7 @@ TRIES = 2
 
 
 class NoAnswerError(SensorError):
-    """Servos did not answer. `ids`: which; `heard`: the last bytes that came."""
-
-    def __init__(self, message: str, ids: tuple[int, ...], heard: bytes) -> None:
-        super().__init__(message, ids=ids)
-        self.ids, self.heard = ids, heard
+    """Servos did not answer. Its fields are `ids`: which; `heard`: the last bytes that came."""
 
 
 class Bus:
@@ -84,7 +80,7 @@ class Bus:
                 return found
         silent = f"servo {missing[0]}" if len(missing) == 1 else f"servos {', '.join(map(str, missing))}"
         what = f"{silent} on {self.device} did not answer; check the cables and the arm's power supply"
-        raise NoAnswerError(what, missing, heard)
+        raise NoAnswerError(what, ids=missing, heard=heard)
 
     def write(self, address: int, values: Mapping[int, bytes]) -> None:
         """Write registers of several servos at once. No servo answers; use `write_verified` where it matters."""

@@ -221,11 +221,12 @@ def identify(bus: Bus, ids: Mapping[str, int]) -> list[bytes]:
     try:
         found = bus.read(tuple(names), IDENTITY, IDENTITY_LENGTH)
     except NoAnswerError as error:
-        if len(error.ids) == len(ids):
-            raise SensorError(_no_servo(bus.device, error.heard), path=bus.device) from None
-        silent = ", ".join(f"{id_} ({names[id_]})" for id_ in error.ids)
+        missing = error.fields["ids"]
+        if len(missing) == len(ids):
+            raise SensorError(_no_servo(bus.device, error.fields["heard"]), path=bus.device) from None
+        silent = ", ".join(f"{id_} ({names[id_]})" for id_ in missing)
         what = f"no answer from servo {silent} on {bus.device}; the others answer: check cable and id"
-        raise SensorError(what, path=bus.device, silent=error.ids) from None
+        raise SensorError(what, path=bus.device, silent=missing) from None
     for id_, name in names.items():
         if (model := decode_word(found[id_].data)) != STS3215:
             what = f"servo {id_} ({name}) says it is model {model}, not an STS3215 ({STS3215}); pbd run drives no other"

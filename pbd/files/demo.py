@@ -159,8 +159,8 @@ def write_demo(
         RecordingError: the folder exists (without `force`), is one of the demonstration's takes, or can't be written;
             or a take has no folder.
     """
-    refuse_demo_folder(folder, force)
     refuse_unwritable_fused(demo, folder)
+    refuse_demo_folder(folder, force)
     with atomic_folder(folder, replace=force, why_kept=why_kept) as new:
         for name, text in ({"demo.toml": demo_toml(demo, folder)} | dict(extra_files or {})).items():
             (new / name).write_text(text, encoding="utf-8")

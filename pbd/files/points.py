@@ -45,7 +45,10 @@ def read_points(path: Path, unit: str | None = None) -> Points:
     if ending is None:
         wanted = "they must be x_m, y_m and z_m (or _cm, _mm), and perhaps name"
         raise CalibrationError.at(path, f"the columns are {listed(sheet.header)}; {wanted}")
-    if (unit := endings[ending]) is None:
+    unit, given = endings[ending], unit
+    if given not in (None, unit):
+        raise CalibrationError.at(path, f"the columns are in {unit}, as their names say; leave --unit out")
+    if unit is None:
         wanted = "name the columns x_m,y_m,z_m (or _cm, _mm), or give --unit"
         raise CalibrationError.at(path, f"the unit of x, y, z is not known; {wanted}")
     columns = [column[f"{axis}{ending}"] for axis in "xyz"]

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from pbd.data import Calibration, Gripper, JointLimits, Robot, ServoUnits
-from pbd.data.world import REACH_M
+from pbd.data.world import IN_METRES, REACH_M, beyond_reach
 from pbd.errors import MOST_LISTED, RobotError, listed, printable, warn
 from pbd.files.calibration import read_pose
 from pbd.files.find_by_name import find
@@ -162,8 +162,15 @@ def _link(model: Section, key: str, urdf: Urdf) -> str:
 
 
 def _movable(urdf: Urdf, base: str, body: str) -> list[UrdfJoint]:
-    """Return the moving joints between base and body; refuse types that an arm can't have."""
-    movable = [joint for joint in urdf.chain(base, body) if joint.kind != "fixed"]
+    """Return the moving joints between base and body; refuse none, types that an arm can't have, and places in mm."""
+    chain = urdf.chain(base, body)
+    for joint in chain:
+        if far := beyond_reach(joint.xyz):
+            what = f"the <origin> of joint {joint.name!r} has {far}; {IN_METRES}"
+            raise RobotError.at(urdf.path, what, joint=joint.name, bound=REACH_M)
+    movable = [joint for joint in chain if joint.kind != "fixed"]
+    if not movable:
+        raise RobotError.at(urdf.path, f"no joint moves between {base!r} and {body!r}; choose another base or body")
     for joint in movable:
         if joint.mimic or joint.kind not in ACTUATED:
             what = f"mimics {joint.mimic.leader!r}" if joint.mimic else f"is {joint.kind}"
@@ -241,7 +248,7 @@ def _limits(section: Section, urdf: Urdf, joints: Sequence[UrdfJoint]) -> JointL
         section.fail("velocity", f"is missing and the URDF sets no limit above zero for {listed(unknown)}", "add it")
     for key in ("velocity", "acceleration", "jerk", "effort"):
         if key in section or key in ("acceleration", "jerk"):  # the URDF's effort is often a placeholder
-            values[key] = section.numbers(key, len(joints), positive=True)
+            values[key] = section.numbers(key, [joint.name for joint in joints], positive=True)
             sources[key] = section.text(f"{key}_source", general) or section.text("source")
     for joint, velocity in zip(joints, values["velocity"], strict=True):
         if velocity > joint.velocity > 0.0:  # 0 in a URDF means unknown
@@ -268,7 +275,7 @@ def _home(arm: Section, joints: Sequence[UrdfJoint], poses: Mapping[str, Mapping
             arm.fail(key, f"{wanted!r} says nothing of {listed(missing)}", next_step="give home as a list instead")
         home = [poses[wanted][joint.name] for joint in joints]
     else:
-        key, home = "home", list(arm.numbers("home", len(joints)))
+        key, home = "home", list(arm.numbers("home", [joint.name for joint in joints]))
     check_range(arm, key, joints, home)
     return np.array(home)
 

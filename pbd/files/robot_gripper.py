@@ -25,7 +25,7 @@ def read_gripper(section: Section, urdf: Urdf, chain: Sequence[UrdfJoint]) -> Gr
         section.fail(
             "joints", f"names {carrier!r}, which moves the tool's body", "set body to a link before that joint"
         )
-    positions = {key: dict(zip(names, section.numbers(key, len(names)), strict=True)) for key in ("open", "closed")}
+    positions = {key: dict(zip(names, section.numbers(key, names), strict=True)) for key in ("open", "closed")}
     _check_mimicking_fingers(section, urdf, positions)
     for follower, mimic in urdf.followers(names).items():
         for at in positions.values():

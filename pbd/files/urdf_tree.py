@@ -14,7 +14,7 @@ from pathlib import Path
 
 from pbd.data import MimicJoint
 from pbd.errors import RobotError, listed, printable
-from pbd.io.numbers import finite
+from pbd.io.numbers import finite, finite_list
 from pbd.io.urdf import LONGEST_M, read_urdf_xml, read_xml
 
 ACTUATED = ("revolute", "continuous", "prismatic")
@@ -25,7 +25,7 @@ JOINT_TYPES = (*ACTUATED, "fixed", "floating", "planar")
 
 @dataclass(frozen=True)
 class UrdfJoint:
-    """A joint between two links, with limits in rad and rad/s, or m and m/s; infinite if the URDF has none.
+    """A joint at `xyz`, m, in `parent`, with limits in rad and rad/s, or m and m/s; infinite if the URDF has none.
 
     The position limits are those of its <safety_controller> where these are narrower: ROS controllers keep to them.
     """
@@ -34,6 +34,7 @@ class UrdfJoint:
     kind: str
     parent: str
     child: str
+    xyz: tuple[float, ...]
     lower: float
     upper: float
     velocity: float
@@ -166,7 +167,8 @@ def _joint(path: Path, element: ET.Element) -> UrdfJoint:
     name, kind = _attribute(path, element, "name"), _attribute(path, element, "type")
     bounded = kind in ("revolute", "prismatic")
     parts = {part.tag: part for part in reversed(list(element))}  # the first of each tag
-    limit, axis, soft = (parts.get(tag, ET.Element(tag)).attrib for tag in ("limit", "axis", "safety_controller"))
+    tags = ("origin", "limit", "axis", "safety_controller")
+    origin, limit, axis, soft = (parts.get(tag, ET.Element(tag)).attrib for tag in tags)
     wrong = ""
     if kind not in JOINT_TYPES:
         wrong = f"has the type '{printable(kind)}'; make it one of {listed(JOINT_TYPES)}"
@@ -192,6 +194,7 @@ def _joint(path: Path, element: ET.Element) -> UrdfJoint:
         kind=kind,
         parent=_attribute(path, parts["parent"], "link"),
         child=_attribute(path, parts["child"], "link"),
+        xyz=finite_list(origin.get("xyz", "0 0 0"), 3),
         lower=lower,
         upper=upper,
         velocity=float(limit.get("velocity", math.inf)),

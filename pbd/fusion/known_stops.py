@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from pbd.data import Calibration, Place, Stop
-from pbd.errors import collected_warnings, errors_about
+from pbd.errors import collected_warnings, naming
 from pbd.fusion.marginals import Marginal, conditioned
 from pbd.fusion.takes import Take
 from pbd.pose import Array, Pose, quat_from_matrix, quat_multiply
@@ -39,7 +39,7 @@ def condition_on_known_stops(
     away = (np.arange(len(take.path.t)) >= take.path.stops[0].stop).astype(int)
     wxyz = quat_multiply(take.path.wxyz_nav_sensor, quat_from_matrix(Q)[away])
     # claims_of warns of a single contact with a table of unknown height. Here such a contact just says nothing.
-    with collected_warnings(), errors_about(take.name):
+    with collected_warnings(), naming(take.name):
         mounted = replace(mount, T_sensor_tool=T_sensor_tool)
         claims = claims_of(replace(take.path, wxyz_nav_sensor=wxyz), known, mounted)
         if not claims:

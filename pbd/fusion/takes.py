@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pbd.data import Calibration, Demonstration, HandPath, Keyframe
-from pbd.errors import TrackingError, collected_warnings, errors_about, warn
+from pbd.errors import TrackingError, naming
 from pbd.fusion.joint_estimate import Observations, TaskState
 from pbd.fusion.marginals import DEVICE_ERRORS, Marginal, marginal_of
 from pbd.fusion.matching import Alignment, Keyframes, align_takes
@@ -53,11 +53,9 @@ class Take:
 def tracked_take(demo: Demonstration, calibration: Calibration | None, accept_gap: bool) -> Take:
     """Track a take alone; its name is put before warnings and errors."""
     name = demo.recording.info.name
-    with collected_warnings() as warnings, errors_about(name):
+    with naming(name):
         path, found = track_recording(demo, "default", calibration, accept_gap)
         keyframes = find_keyframes(path)
-    for line in warnings:
-        warn(f"{name}: {line}")
     assert found.solution is not None
     problem, knots = found.solution.problem, []
     for stop in found.stops:

@@ -10,13 +10,13 @@ import difflib
 import math
 import re
 import tomllib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from datetime import UTC, date, datetime
 from pathlib import Path
 from typing import Any, NoReturn, TypeVar
 
 from pbd.data.world import IN_METRES, REACH_M, beyond_reach
-from pbd.errors import PbdError, printable
+from pbd.errors import PbdError, listed, printable
 from pbd.io.read_file import read_text
 from pbd.io.toml_source import DECIMAL_POINTS, TO_THE_TOP, TomlSource, dotted_name
 
@@ -145,20 +145,24 @@ class Section:
     def numbers(
         self,
         key: str,
-        count: int | None,
+        count: int | Sequence[str] | None,
         default: T = _REQUIRED,
         *,
         positive: bool = False,
         within: float = LARGEST_NUMBER,
     ) -> tuple[float, ...] | T:
-        """Return a list of `count` finite numbers; any count if it is None."""
+        """Return a list of `count` finite numbers, or one for each of these names; any count if it is None."""
+        names = "" if count is None or isinstance(count, int) else f" ({listed(count)})"
+        count = len(count) if count is not None and not isinstance(count, int) else count
         kind = f"must be a list of {'' if count is None else f'{count} '}finite numbers, got {{}}"
         values = self._get(key, kind, _list_of(_is_number), default)
         if values is default:
             return values
         if count is not None and len(values) != count:
             comma = len(values) > count and self._source.has_decimal_comma(self.line(key))
-            self.fail(key, f"must have {count} numbers, got {len(values)}", DECIMAL_POINTS if comma else "correct it")
+            self.fail(
+                key, f"must have {count} numbers{names}, got {len(values)}", DECIMAL_POINTS if comma else "correct it"
+            )
         return self._bounded(key, values, positive, within)
 
     def sigmas(self, key: str, default: T = _REQUIRED) -> tuple[float, ...] | T:

@@ -42,6 +42,7 @@ class _Rule:
     least: float = -math.inf
     mirrored: bool = False
     needed: bool = False
+    unit: str = ""
 
     def fault(self, text: str) -> str | None:
         """Return what is wrong with the attribute's text, or None."""
@@ -50,15 +51,15 @@ class _Rule:
         except ValueError:
             return "not a number" if self.count == 1 else "not three numbers"
         if max(map(abs, values)) > self.most:
-            return f"larger than {self.most:g}"
+            return f"larger than {self.most:g}{self.unit}"
         least = min(map(abs, values)) if self.mirrored else min(values)
         return f"smaller than {self.least:g}" if least < self.least else None
 
 
 _NEEDED = _Rule(1, needed=True)
-_LENGTH = _Rule(1, LONGEST_M, SMALLEST_M, needed=True)
+_LENGTH = _Rule(1, LONGEST_M, SMALLEST_M, needed=True, unit=" m")
 RULES: dict[str, dict[str, _Rule]] = {
-    "origin": {"xyz": _Rule(3, LONGEST_M), "rpy": _Rule(3)},
+    "origin": {"xyz": _Rule(3, LONGEST_M, unit=" m"), "rpy": _Rule(3)},
     "axis": {"xyz": _Rule(3)},
     "limit": dict.fromkeys(("lower", "upper"), _Rule(1, LARGEST_LIMIT))
     | dict.fromkeys(("effort", "velocity"), _Rule(1, LARGEST_LIMIT, least=0.0)),
@@ -66,7 +67,7 @@ RULES: dict[str, dict[str, _Rule]] = {
     "safety_controller": dict.fromkeys(("soft_lower_limit", "soft_upper_limit"), _Rule(1, LARGEST_LIMIT)),
     "mass": {"value": _Rule(1, least=0.0, needed=True)},
     "inertia": dict.fromkeys(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), _NEEDED),
-    "box": {"size": _Rule(3, LONGEST_M, SMALLEST_M, needed=True)},
+    "box": {"size": _Rule(3, LONGEST_M, SMALLEST_M, needed=True, unit=" m")},
     "cylinder": {"radius": _LENGTH, "length": _LENGTH},
     "sphere": {"radius": _LENGTH},
     "capsule": {"radius": _LENGTH, "length": _LENGTH},

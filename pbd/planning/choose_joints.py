@@ -57,7 +57,7 @@ def choose_joints(task: PlanningTask) -> Motion | PlanRefusal:
 def _choose(task: PlanningTask, scene: CollisionScene | None) -> Motion | PlanRefusal:
     """Choose joints and segments; without a scene, collisions are ignored."""
     from pbd.arm.choose_motion import choose_motion
-    from pbd.arm.collision.motion_check import refuse_home
+    from pbd.arm.collision.motion_check import MOVE_ARM, refuse_home, where_it_stands
     from pbd.arm.motion_request import Motion
 
     options, request = task.options, task.request
@@ -69,7 +69,7 @@ def _choose(task: PlanningTask, scene: CollisionScene | None) -> Motion | PlanRe
                 return PlanRefusal(error, (_without_home(options),))
         grasp, *_ = scene.grasp_states(request.T_base_tool, request.grips)
         if options.approach and (hit := scene.hit(request.q_start, grasp)) is not None:
-            what = f"at the arm's start: {hit}; move the arm, or correct the obstacles in the calibration"
+            what = f"at the arm's start: {hit}; {where_it_stands(scene, hit, MOVE_ARM)}"
             return PlanRefusal(PlanError(what, **hit.fields))
     found = choose_motion(task.arm, request, scene)
     return found if isinstance(found, Motion) else PlanRefusal(found.error, _alternatives(found, options))

@@ -10,6 +10,7 @@ import numpy as np
 from pbd.calibration.dock import TILT_WARNING_DEG
 from pbd.data import HandPath, Keyframe
 from pbd.data.tracking import UNSURE_SIGMA_M
+from pbd.data.world import TABLE_HEIGHT
 from pbd.errors import TrackingError, amount, warn
 from pbd.planning.options import hand_durations
 from pbd.pose import Pose
@@ -117,11 +118,11 @@ def warn_of_frames(arm: ArmModel) -> None:
 def warn_of_table(scene: CollisionScene) -> None:
     """Warn if there is no table, and of links that nearly always touch it, so that they are not checked against it."""
     if scene.table_height is None:
-        warn("no table is checked: write table_height (m in base; one far below if there is none) into the calibration")
+        warn(f"no table is checked: write {TABLE_HEIGHT} (m in base; one far below if there is none)")
     if scene.sunk:
         warn(
             f"not checked against the table, since it nearly always touches it: {', '.join(scene.sunk)}; if that is "
-            "wrong, correct table_height in the calibration"
+            f"wrong, correct {TABLE_HEIGHT}"
         )
 
 

@@ -58,12 +58,14 @@ class PlanningTask:
             return self.robot.home
         q = np.array(start)
         if len(q) != len(names) or not np.isfinite(q).all():
-            raise PlanError(f"the start must give {len(names)} numbers, in rad, for {', '.join(names)}", value=start)
-        for name, value, lower, upper in zip(names, q, limits.lower, limits.upper, strict=True):
+            what = f"the start must give {len(names)} numbers, in rad (m where a joint slides), for {', '.join(names)}"
+            raise PlanError(what, value=start)
+        for i, (name, value, lower, upper) in enumerate(zip(names, q, limits.lower, limits.upper, strict=True)):
             if not lower <= value <= upper:
+                unit, other = ("rad", "in degrees with --units deg") if self.arm.turns[i] else ("m", "with --units mm")
                 raise PlanError(
-                    f"the start has {name} at {value:.4g} rad, outside its limits of {lower:.4g} to {upper:.4g}; give "
-                    "the arm's present joints in rad, or in degrees with --units deg",
+                    f"the start has {name} at {value:.4g} {unit}, outside its limits of {lower:.4g} to {upper:.4g}; "
+                    f"give the arm's present joints in {unit}, or {other}",
                     joint=name,
                     value=float(value),
                     bound=float(lower if value < lower else upper),

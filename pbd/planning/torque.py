@@ -45,7 +45,8 @@ def check_torque(
     needs = f"{torque.joint} needs {shown} {torque.unit} at {torque.t:.2f} s{carrying}"
     if torque.share > (ASSUMED_FACTOR if assumed else 1.0):
         slower = _fitting_speed(options.speed, share_at)
-        lighter = "carry less" if carrying else "move the dock nearer to the base"
+        as_it_is = "correct `effort` or the URDF's masses" if torque.unit == "N" else "move the dock nearer to the base"
+        lighter = "carry less" if carrying else as_it_is
         share = f"{100.0 * torque.share:.1f} % of" if torque.share < 10.0 else f"{torque.share:.0f} times"
         what = f"{needs}: {share} {bound}; {'' if slower else 'a lower speed does not help: '}{lighter}"
         fields = {"joint": torque.joint, "t": torque.t, "value": torque.value, "bound": torque.bound}

@@ -61,7 +61,9 @@ class SensorConnection:
         return self.now - max(self._reader.latest, self._resumed)
 
     def may_begin(self, ended: SensorError | None) -> bool:
-        """Whether the recording may begin: SILENT_S have passed, or the port was lost, and two samples or more came.
+        """Whether the recording may begin: SILENT_S have passed and times are known, or the port was lost.
+
+        Of one or two long bursts, as Bluetooth sends, the times are not known.
 
         Raises:
             SensorError: what came is not this sensor's stream; or `ended`, the error that ended reading.
@@ -70,7 +72,7 @@ class SensorConnection:
             return False
         if not self._session.decodable or (self._session.samples < 2 and ended is None):
             raise ended or _no_samples_error(self._session, self._reader)
-        return True
+        return ended is not None or self._session.t > 0.0
 
     def why_lost(self, heard_now: bool, ended: SensorError | None) -> str:
         """Say why the sensor counts as gone, or ""."""

@@ -138,12 +138,12 @@ class Session:
             return
         if self.discarded:
             self._backup_note = self.backup.put_back()
+        elif not self._why_failed:
+            self._backup_note = self.backup.replace()
         elif self.feedback.tracker.waiting:
             self._folder, self._backup_note = self.backup.swap_back()
-        elif self._why_failed:
-            self._backup_note = self.backup.keep()
         else:
-            self._backup_note = self.backup.replace()
+            self._backup_note = self.backup.keep()
 
     def backup_message(self) -> str:
         """Say after an error where the demonstration is that this one replaces; "" for none."""
@@ -215,7 +215,7 @@ class Session:
 
         try:
             with collected_warnings():  # the person was told while it was recorded
-                stops = min(self.feedback.stops, len(track(read_demo(folder)).stops))
+                stops = len(track(read_demo(folder)).stops)
         except PbdError as error:
             return error.message
         return "" if stops >= FEWEST_STOPS else TOO_FEW_STOPS

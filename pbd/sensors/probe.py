@@ -120,7 +120,7 @@ def describe_bytes(
     if known is not None and known != sensor:
         return f"they are {known}'s: give --sensor {known}"
     if line is not None:
-        if sensor == "lines":
+        if sensor == "lines" or (known is not None and why):
             return f"a line is {quote_line(line)}: {why or CORRECT}"
         return f'they are lines such as {quote_line(line)}: give --sensor lines --columns "..."'
     at = "" if baud is None else f"{baud} baud is wrong, or "

@@ -52,6 +52,7 @@ class Stamper(Generic[T]):
     def __init__(self) -> None:
         self._held: list[_Held[T]] = []
         self._batch = 0
+        self._longest_wait = 0.0  # s, between two arrivals, until the line is laid
         self._begin, self._interval = 0.0, 0.0  # the line, s; not laid yet
         self._count, self._index = 0, 0  # of the first sample held, as in `_End`
         self._t, self._t_index = 0.0, 0  # the latest time given, s; its index
@@ -65,7 +66,8 @@ class Stamper(Generic[T]):
         self._batch += arrival - before > WITHIN_BATCH * self._interval
         self._held.append(_Held(sample, arrival, self._batch))
         if not self._interval:
-            is_enough = arrival - self._held[0].arrival >= 1.0 and self._batch >= BURST_BATCHES  # 1 s
+            self._longest_wait = max(self._longest_wait, arrival - before) if len(self._held) > 1 else 0.0
+            is_enough = arrival - self._held[0].arrival >= max(1.0, (BURST_BATCHES - 1) * self._longest_wait)  # 1 s
             return self._start() if is_enough else []
         if self._is_on_time(len(self._held) - 1):
             self._begin += min(self._delay(len(self._held) - 1), 0.0)
@@ -127,6 +129,9 @@ class Stamper(Generic[T]):
 
     def _fit(self, counts: Array, index: Array, arrival: Array, near: slice) -> None:
         """Learn the interval from ends of batches (n,), as in `_End`; the rest from those `near`."""
+        soon = WITHIN_BATCH * (arrival[-1] - arrival[0]) / max(counts[-1] - counts[0], 1)
+        whole = np.append(np.diff(arrival) > soon * np.diff(counts), True)  # a burst is read in several pieces
+        counts, index, arrival = counts[whole], index[whole], arrival[whole]
         if len(counts) < BURST_BATCHES:
             interval = (arrival[-1] - arrival[0]) / max(counts[-1] - counts[0], 1)
         else:

@@ -137,10 +137,15 @@ class Noise:
     """Relative change of a room's magnetic field since the first rest. A larger change is a magnet's."""
 
     device_lag: float = 0.3
-    """s: lag of a device's own attitude, from its low-pass (OceanServer's manual)."""
+    """s: sigma of the time constant of the low-pass of a device's own attitude (OceanServer's manual: 0.3 s)."""
 
     device_attitude: float = 0.5 * DEG
-    """rad: error of a device's own attitude (data sheets of compasses: 0.5 to 1 degree)."""
+    """rad: error of a device's own attitude (data sheets of compasses: 0.5 to 1 degree). It is another one after a turn
+    of 1 rad: it depends on how the device lies in gravity and in the magnetic field."""
+
+    device_drift: float = 0.01
+    """rad/s: it changes in time as by this turn. In a second that is 0.07 degrees, about the resolution of 0.1 degree
+    of such devices (OceanServer's data sheet)."""
 
     unseen_speed: float = 0.1
     """m/s: mean speed of a hand in a gap in the data: from rest to rest in 0.12 s with 5 m/s2. (A longer gap is
@@ -177,7 +182,15 @@ def noise_of(
         acc_walk=float(np.hypot(sensor.acc_walk, acc_held)),
     )
     root = rate_hz**-0.5
-    return Noise(gyr * root, acc * root, sensor, gravity=gravity)
+    noise = Noise(gyr * root, acc * root, sensor, gravity=gravity)
+    return noise if recording.gyr is not None else _of_device_attitude(noise)
+
+
+def _of_device_attitude(noise: Noise) -> Noise:
+    """Noise where the device's own attitude replaces a gyro: the lag is that of its low-pass, and `gyr_turn` the random
+    walk of a Gauss-Markov process, sqrt(2 / 1 rad) of its sigma."""
+    walk, lag = 2.0**0.5 * noise.device_attitude, noise.device_lag
+    return replace(noise, gyr_turn=walk, lag=0.0, lag_sigma=lag, wide_lag_sigma=lag)
 
 
 def _calibrated(own: SensorClass, acc: LinearErrors, gyr: LinearErrors | None) -> SensorClass:

@@ -258,4 +258,4 @@ def _different_stops(path: HandPath, times: tuple[float, ...], what: str) -> tup
 
 
 def _warn_left_out(why: str) -> None:
-    warn(f"{why}, so it is left out; it counts with --calibration or --robot")
+    warn(f"{why}, so it counts only with a robot or a --calibration")

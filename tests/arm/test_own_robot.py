@@ -10,11 +10,14 @@ import pytest
 from pbd.arm.ik.branches import configuration_cost
 from pbd.arm.ik.starts import reach
 from pbd.arm.model import load_model
+from pbd.calibration.tool_poses import with_table
+from pbd.cli.calibrate.dock import tool_at_joints
 from pbd.data import Robot
-from pbd.errors import PbdWarning, collected_warnings
+from pbd.errors import PbdWarning, PlanError, collected_warnings
 from pbd.files.robot import load_robot, read_robot
-from pbd.planning import plan_keyframes
+from pbd.planning import PlanOptions, plan_keyframes
 from pbd.planning.preconditions import warn_of_frames
+from pbd.planning.result import size_remark
 from pbd.pose import quat_from_rpy, quat_to_matrix
 from tests.arm.bundled import keyframes_of
 from tests.arm.own_robot import AXES, GUIDE, LENGTHS, own_toml, own_urdf
@@ -93,6 +96,22 @@ def test_an_arm_that_is_singular_everywhere_has_no_cost_for_it(mine: Robot, tmp_
     (tmp_path / "robots" / "mine.urdf").write_text(own_urdf(axes), encoding="utf-8")
     arm = load_model(read_robot(tmp_path / "robots" / "mine.toml"))
     np.testing.assert_array_equal(configuration_cost(arm, np.array([arm.robot.home, 0.5 * arm.robot.home])), 0.0)
+
+
+def test_a_start_of_a_joint_that_slides_is_told_in_metres(mine: Robot, tmp_path: Path) -> None:
+    urdf = own_urdf().replace('name="joint1" type="revolute"', 'name="joint1" type="prismatic"')
+    (tmp_path / "robots" / "mine.urdf").write_text(urdf, encoding="utf-8")
+    rail, start = load_robot("mine"), PlanOptions(start=(9.0, *mine.home[1:].tolist()))
+    with pytest.raises(PlanError, match=r"the start has joint1 at 9 m, outside its .* in m, or with --units mm"):
+        plan_keyframes(keyframes_of("pouring"), not_none(mine.dock), rail, start)
+    with pytest.raises(PlanError, match=r"joint joint1 can't be at 9: its limits are -3 to 3; give m within them"):
+        tool_at_joints([9.0, *mine.home[1:].tolist()], rail)
+
+
+def test_its_own_dock_is_named_where_it_has_no_table(mine: Robot) -> None:
+    dock = replace(not_none(mine.dock), table_height=None)
+    here = replace(mine, dock=dock)
+    assert size_remark(here, with_table(dock, here), 1.0).endswith("(scale 0.7 of mine's own dock)")
 
 
 def test_a_robot_without_a_gripper_leaves_out_what_the_hand_gripped(mine: Robot) -> None:

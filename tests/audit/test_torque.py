@@ -9,12 +9,13 @@ import numpy as np
 import pytest
 
 from pbd.audit.arm import AuditArm
-from pbd.audit.torque import _inertia, find_torque, torques
+from pbd.audit.torque import Torque, _inertia, find_torque, torques
 from pbd.cli import main
 from pbd.data import GraspedObject, JointLimits, JointTrajectory, Load, MimicJoint, Robot
 from pbd.data.world import gripped_spans
 from pbd.errors import PbdWarning, PlanError
 from pbd.planning import Plan, PlanOptions, plan_keyframes
+from pbd.planning.torque import check_torque
 from pbd.pose import Array, Pose
 from tests.arm.bundled import FOLDER, KINDS, arm_of, keyframes_of
 from tests.audit.mujoco_arm import MujocoArm
@@ -207,6 +208,14 @@ def test_a_load_too_heavy_at_any_speed_is_refused() -> None:
         PlanError, match=r"shoulder_lift .* 19\d\.\d % of its torque limit .*; a lower speed does not help: carry less$"
     ):
         planned("so101", POUR, payload=1.0)
+
+
+def test_no_dock_makes_a_slide_lighter() -> None:
+    lift = Torque(3.0, "lift", 1.0, 60.0, 20.0, "N", (), ())
+    one = np.ones(1)
+    limits = JointLimits(-one, one, one, one, one, "a sheet")
+    found = not_none(check_torque(lift, limits, Load(), PlanOptions(), lambda speed: 3.0))
+    assert found.error.message.endswith("; a lower speed does not help: correct `effort` or the URDF's masses")
 
 
 def test_a_load_above_the_rated_payload_is_warned_of_though_the_torques_are_low() -> None:

@@ -348,6 +348,8 @@ def test_a_disturbed_field_recommends_a_dock(capsys: Capture) -> None:
     assert "nav's heading repeats to 0.0 degrees (rms over 2 demonstrations" in points(
         "good", "--again", "good", "good"
     )
+    for demo, again in (("bare", "good"), ("good", "bare")):
+        assert "the magnetometer, and bare has none; leave it out" in points(demo, "--again", again)
     assert read_calibration(Path("calibration/bare.toml" if points("bare") else "")).T_base_nav is None
     assert "without a magnetometer the heading is measured from the first rest" in points(
         "bare", "--as", "nav", "--force"

@@ -151,7 +151,9 @@ def test_a_take_is_never_replaced_by_what_is_made_of_it(capsys: Capture) -> None
     link = Path("demos/link")
     link.symlink_to("tea1")
     for name in ("tea1", "demos/../demos/tea1", "link"):
-        assert "a recording, which would be lost" in refused(capsys, 1, "fuse", "tea1", "tea2", "-o", name, "--force")
+        for force in ((), ("--force",)):  # it is no advice where it doesn't help
+            words = ("fuse", "tea1", "tea2", "-o", name, *force)
+            assert "a recording, which would be lost" in refused(capsys, 1, *words)
     link.unlink()
     assert Path("demos/tea1/imu.csv").exists()
 
@@ -159,6 +161,13 @@ def test_a_take_is_never_replaced_by_what_is_made_of_it(capsys: Capture) -> None
 def test_takes_of_two_tasks_are_refused_and_nothing_is_written(capsys: Capture) -> None:
     assert "are of different tasks" in refused(capsys, 1, "fuse", "tea1", "other", "-o", "both")
     assert not Path("demos/both").exists()
+
+
+@pytest.mark.parametrize("output", [("--plot", "demos/new"), ("--save-calibration", "demos/new/bench.toml")])
+def test_no_output_is_in_the_new_folder(capsys: Capture, output: tuple[str, str]) -> None:
+    told = refused(capsys, 2, "fuse", "tea1", "tea2", "-o", "new", *output)
+    assert told.endswith(f"{output[1]} is in demos/new, which is written as a whole; give another place")
+    assert not Path("demos/new").exists()
 
 
 def test_the_guide_says_how_to_hold_the_sensor_and_why() -> None:

@@ -237,6 +237,15 @@ def test_options_of_lines_are_refused_for_a_table(
     assert not Path("demos/tea").exists()
 
 
+@pytest.mark.parametrize("option", [("--column", "ax=-ax"), ("--topic", "/imu")])
+def test_options_of_other_files_are_refused_for_bytes(
+    in_g: Path, capsys: pytest.CaptureFixture[str], option: tuple[str, str]
+) -> None:
+    in_g.rename("raw.bin")
+    assert main(["import", "raw.bin", "tea", "--sensor", "ximu3", *option]) == 2
+    assert "a file with a header, and --topic for a bag; leave them out" in capsys.readouterr().err
+
+
 def test_lines_without_names_are_decoded_as_a_port_would_be(in_g: Path, capsys: pytest.CaptureFixture[str]) -> None:
     Path("log.txt").write_text(in_g.read_text().partition("\n")[2])
     names = in_g.read_text().partition("\n")[0]

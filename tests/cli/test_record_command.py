@@ -231,7 +231,10 @@ def test_a_killed_forced_recording_leaves_the_old_one_beside_and_the_next_does_s
 
 def test_a_take_leads_to_the_next_one_and_to_what_is_made_of_them(elsewhere: Path, capsys: Capture) -> None:
     assert refused(capsys, 2, "record", "--take", "2").endswith("needs the task's NAME: pbd record tea --take 2")
-    words = ("--sensor", "lines", "--baud", "115200", "--columns", "t,ax,ay,az,gx,gy,gz", "--unit", "acc=0.001 g")
+    words = shlex.split(
+        "--sensor lines --baud 115200 --columns t,ax,ay,az,gx,gy,gz --unit acc='0.001 g' --separator ';'"
+        " --prefix 'IMU ' --wrap 65536 --grip tap --closed --tolerance 2"
+    )
     _, _, err = run(capsys, "record", "my tea", "--take", "2", "--port", "/dev/nothing", *words)
     assert err.startswith("pbd: take 2: turn the sensor by a quarter about the vertical, as it lies at the dock: ")
     for take in (1, 2):
@@ -283,6 +286,8 @@ def test_a_recording_that_cannot_be_tracked_says_so_at_its_end(capsys: pytest.Ca
     with pytest.warns(UserWarning, match=r"^demos/stuck/imu.csv: it is frozen$"):
         _report(argparse.Namespace(json=False, take=None, rate=None), outcome)
     assert "next:" not in capsys.readouterr().out
+    _report(argparse.Namespace(json=True, take=None, rate=None), outcome)
+    assert json.loads(capsys.readouterr().out)["why"] == "it is frozen"
 
 
 @pytest.mark.parametrize(("number", "code"), [(errno.ENOSPC, 1), (errno.EPIPE, 141), (errno.EIO, 0)])
@@ -319,7 +324,8 @@ def test_a_simulated_task_grips_by_itself_and_ends_it_where_nobody_could(elsewhe
     [
         (2, ("--sensor", "witmotoin"), "sensor 'witmotoin' is unknown"),  # before the name, which is taken
         (2, ("--sensor", "sim:juggle"), "juggle"),
-        (2, ("--sensor", "sim", "--rate", "50"), "a simulated sensor has no port, baud or rate to choose; leave out"),
+        (2, ("--sensor", "sim", "--rate", "50"), "a simulated sensor has no port, baud, rate or unit to choose; leave"),
+        (2, ("--sensor", "sim", "--unit", "acc=g"), "leave out --port, --baud, --rate, --unit"),
         (2, ("--sensor", "sim", "--columns", "t,ax,ay,az"), "are for --sensor lines; leave them out for sim"),
         (
             2,
@@ -328,6 +334,7 @@ def test_a_simulated_task_grips_by_itself_and_ends_it_where_nobody_could(elsewhe
         ),
         (2, ("--sensor", "witmotion", "--wrap", "9"), "are for --sensor lines; leave them out for witmotion"),
         (2, ("--port", "http://127.0.0.1:1", "--prefix", "x"), "are for --sensor lines; leave them out for phyphox"),
+        (2, ("--port", "http://127.0.0.1:1", "--unit", "acc=g"), "phyphox has fixed units: leave it out"),
         (1, ("--sensor", "witmotion", "--port", "/dev/null", "--baud", "9600"), "/dev/null is not a serial port"),
         (2, ("--sensor", "xsens", "--unit", "gyr=deg/s", "--port", "/dev/null"), "xsens has fixed units: leave it out"),
         (2, ("--sensor", "razor", "--unit", "gyr=turns", "--port", "/dev/null"), "'turns' is not a unit of gyr"),

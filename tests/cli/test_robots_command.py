@@ -1,6 +1,7 @@
 """`pbd robots --suggest` finds a home and a dock; `--for` says which arms can do a demonstration."""
 
 import re
+import shutil
 from dataclasses import replace
 from itertools import islice
 from pathlib import Path
@@ -307,12 +308,19 @@ def test_the_fastest_arm_comes_first_and_the_others_say_why(
     low = run_json(capsys, "robots", "panda", "--for", "paper-test2", "--calibration", "low.toml")["robots"][0]
     assert low["duration_s"] != next(row["duration_s"] for row in rows if row["name"] == "panda")
     told = refused(capsys, 2, "robots", "panda", "--calibration", "low.toml")
-    assert told.endswith("--calibration is for --for, which ranks the robots: leave it out")
+    assert told.endswith("--calibration is for ranking the robots by --for: leave it out")
     assert [row["name"] for row in rows[len(able) :]] == ["mine"]
     panda = next(row for row in rows if row["name"] == "panda")
     replayed = run_json(capsys, "replay", "paper-test2", "--robot", "panda")
     assert panda["duration_s"] == replayed["duration_s"]
     assert panda["farthest_m"] < panda["reach_m"]
+
+
+def test_a_place_in_base_counts_with_the_calibration_that_is_named(capsys: Capture, elsewhere: Path) -> None:
+    shutil.copytree(ROOT / "demos" / "paper-test2", "demos/tea")
+    with Path("demos/tea/demo.toml").open("a") as file:
+        file.write("[[place]]\nt_s = [0.5]\nposition_m = [0.4, -0.15, 0.25]\n")  # the default dock
+    assert run(capsys, "robots", "panda", "--for", "tea", "--calibration", "default")[2] == ""
 
 
 def test_the_list_is_short_and_one_robot_has_its_notes(capsys: Capture) -> None:

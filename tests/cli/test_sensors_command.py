@@ -66,5 +66,7 @@ def test_csv_has_both_tables(monkeypatch: pytest.MonkeyPatch, capsys: Capture) -
 
 
 def test_a_port_that_is_not_there(capsys: Capture) -> None:
+    assert main(["sensors", "--port", "/dev/nothing"]) == 2
+    assert "--port is the port to listen to: add --probe" in capsys.readouterr().err
     assert main(["sensors", "--probe", "--port", "/dev/nothing"]) == 1
     assert "pbd: there is no port /dev/nothing" in capsys.readouterr().err

@@ -130,6 +130,13 @@ def test_units_are_parsed() -> None:
             parse_units(wrong)
 
 
+@pytest.mark.parametrize("words", ["segments --units cm", "demos --units m,s", "touch tea --robot panda --units deg"])
+def test_a_unit_that_no_column_has_is_refused(capsys: pytest.CaptureFixture[str], words: str) -> None:
+    with pytest.raises(SystemExit, match="2"):
+        main(words.split())
+    assert "nothing here has a unit of " in capsys.readouterr().err
+
+
 def test_units_of_every_table(capsys: pytest.CaptureFixture[str]) -> None:
     in_ms = rows_of(capsys, "segments", "tea")
     in_s = rows_of(capsys, "segments", "tea", "--units", "s")

@@ -41,7 +41,10 @@ def places(capsys: Capture, *more: str) -> np.ndarray[tuple[int, ...], np.dtype[
 
 def test_its_advice_can_be_pasted_for_a_name_with_a_space(tea: Path, capsys: Capture) -> None:
     tea.parent.rename("demos/my tea")
-    _, _, said = run(capsys, "touch", "my tea", "2", "--robot", "panda", "--by", "0", "-0.004", "0")
+    touch = ("touch", "my tea", "2", "--robot", "panda", "--by", "0", "-0.004", "0")
+    assert "`pbd touch 'my tea' --robot panda --accept-gap --undo`" in run(capsys, *touch, "--accept-gap")[2]
+    assert run(capsys, "touch", "my tea", "--robot", "panda", "--undo")[0] == 0
+    _, _, said = run(capsys, *touch)
     head = Path("demos/my tea/keyframes.toml").read_text(encoding="utf-8")
     assert run(capsys, *shlex.split(said.partition("`pbd ")[2].partition("`")[0]))[0] == 0
     assert shlex.split(head.partition("`pbd ")[2].partition("`")[0]) == ["keyframes", "my tea"]
@@ -167,6 +170,12 @@ def test_millimetres_for_metres_are_refused_and_nothing_is_written(tea: Path, ca
     assert not tea.exists()
 
 
+def test_a_motion_of_a_hundred_metres_is_refused_and_nothing_is_written(tea: Path, capsys: Capture) -> None:
+    touch = ("touch", "tea", "2", "--robot", "panda", "--by", "0", "0", "0.01")
+    assert "beyond any arm's reach; correct --scale, or the dock" in refused_line(capsys, *touch, "--scale", "1000")
+    assert not tea.exists()
+
+
 def test_what_another_command_saved_meanwhile_stays(
     tea: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -196,6 +205,8 @@ def test_a_touch_up_that_no_error_of_tracking_explains_is_told(tea: Path, capsys
     assert "hardly" not in run(capsys, "touch", "tea", "2", "--robot", "panda", "--by", "0", "0", "0")[2]
     told = "pbd: warning: keyframe 2 was off by 10.0 cm, "
     assert told in run(capsys, *far)[2]
+    assert run(capsys, "touch", "tea", "--robot", "panda", "--undo")[0] == 0
+    assert told in run(capsys, *far, "--json")[2]
     assert told not in run(capsys, *far, "--only")[2]
 
 

@@ -11,6 +11,7 @@ import pytest
 
 import pbd
 from pbd.cli import main, sensors
+from pbd.cli.commands import parse
 from pbd.cli.options import not_negative, pair, positive, thing_place
 from pbd.errors import collected_warnings, nearest, warn
 from tests.cli.test_help import COMMANDS
@@ -174,3 +175,9 @@ def test_an_unknown_option_is_named_before_what_it_seems_to_lack(capsys: Capture
     code, err = told(capsys, *words.split())
     assert code == 2
     assert err.startswith(said)
+
+
+def test_an_option_may_be_between_two_names() -> None:
+    touch = parse(["touch", "tea", "--robot", "panda", "3", "--by", "0", "0", "-0.01"])
+    assert (touch.demo, touch.keyframe, touch.by) == ("tea", 3, [0.0, 0.0, -0.01])
+    assert parse(["plot", "tea1", "--json", "tea2"]).demos == ["tea1", "tea2"]

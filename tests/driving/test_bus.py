@@ -1,12 +1,13 @@
 """The bus on a pseudo-terminal; Feetech's own SDK as the judge of the emulator."""
 
+import pickle
 from collections.abc import Iterator
 
 import numpy as np
 import pytest
 import scservo_sdk
 
-from pbd.driving.bus import Bus
+from pbd.driving.bus import Bus, NoAnswerError
 from pbd.driving.calibrating import calibrating
 from pbd.driving.packets import Answer, decode_word, encode_word, take_answers
 from pbd.driving.servo_arm import PRESENT, release
@@ -121,6 +122,11 @@ def test_a_servo_that_falls_silent_leaves_the_others_stiff(emulator: Emulator, m
         with pytest.raises(SensorError, match=r"servo 4 .* not answer; .*; the other servos may be stiff already"):
             arm.enable_torque(counts)
     assert all(each.registers[40] for each in emulator.servos.values())
+
+
+def test_the_error_about_a_silent_servo_reaches_another_process() -> None:
+    error = pickle.loads(pickle.dumps(NoAnswerError("servo 4 is silent", ids=(4,), heard=b"")))
+    assert (str(error), error.fields) == ("servo 4 is silent", {"ids": (4,), "heard": b""})
 
 
 def test_a_bad_cable_is_asked_again(emulator: Emulator) -> None:

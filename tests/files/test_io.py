@@ -64,6 +64,12 @@ def test_a_pipe_as_a_robots_file_is_refused(elsewhere: Path, capsys: pytest.Capt
     assert "robots/mine.toml: can't be read (it is not a regular file)" in capsys.readouterr().err
 
 
+def test_a_pipe_to_import_is_not_said_to_be_missing(elsewhere: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    os.mkfifo("run.csv")
+    assert main(["import", "run.csv", "tea"]) == 1
+    assert "run.csv: can't be read (it is not a regular file)" in capsys.readouterr().err
+
+
 def test_a_pipe_as_keyframes_file_is_refused(tmp_path: Path) -> None:
     (tmp_path / "demo.toml").write_text(contents.DEMO, encoding="utf-8")
     (tmp_path / "imu.csv").write_text("t,ax,ay,az\n0,0,0,9.81\n0.01,0,0,9.81\n", encoding="utf-8")

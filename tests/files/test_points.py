@@ -45,6 +45,13 @@ def test_points_between_thousands_are_no_decimal_marks(tmp_path: Path) -> None:
     assert_allclose(points.p_base, [[0.00125, -0.2005, 0.0], [1.0005, 0.1, 0.02]])
 
 
+def test_a_unit_that_the_columns_contradict_is_refused(tmp_path: Path) -> None:
+    path = write(tmp_path, "x_mm,y_mm,z_mm\n0,0,0\n1,0,0\n")
+    assert read_points(path, "mm").p_base[1, 0] == 0.001
+    with pytest.raises(CalibrationError, match="the columns are in mm, as their names say; leave --unit out"):
+        read_points(path, "cm")
+
+
 def test_points_without_names_are_numbered(tmp_path: Path) -> None:
     assert read_points(write(tmp_path, "x_m,y_m,z_m\n0,0,0\n1,0,0\n")).names == ("1", "2")
 

@@ -175,7 +175,8 @@ def test_the_docks_options(folder: Path) -> None:
         ("jerk = [100, 200]", "jerk = [100, 0]",
          ":23: [limits] jerk must hold only numbers above zero, got [100, 0]; correct it"),
         ("home = [0.1, 0.2]", "home = [2.1, 0.2]", ":12: [arm] home puts shoulder at 2.1, outside -2..2; correct it"),
-        ("home = [0.1, 0.2]", "home = [0.1]", ":12: [arm] home must have 2 numbers, got 1; correct it"),
+        ("home = [0.1, 0.2]", "home = [0.1]",
+         ":12: [arm] home must have 2 numbers (shoulder, elbow), got 1; correct it"),
         ("home = [0.1, 0.2]", 'home_pose = "rest"',
          ":12: [arm] home_pose names 'rest', which is not in the SRDF; its poses are (none); correct it"),
         ("home = [0.1, 0.2]", 'home = [0, 0]\nhome_pose = "rest"',
@@ -192,6 +193,8 @@ def test_the_docks_options(folder: Path) -> None:
          "mine.urdf has no link 'feet'; set base to one of foot, upper, mid, hand, finger"),
         ('body = "hand"', 'body = "glove"',
          "mine.urdf has no link 'glove'; set body to one of foot, upper, mid, hand, finger"),
+        ('base = "foot"', 'base = "hand"',
+         "mine.urdf: no joint moves between 'hand' and 'hand'; choose another base or body"),
         ('base = "foot"', 'base = "finger"',
          "mine.urdf: no joints lead from 'finger' to 'hand'; choose another base"),
         ("[limits]\n", "limits = 3\n[limts]\n", ": limits is missing (there is 'limts'); add it"),
@@ -514,6 +517,14 @@ def test_limits_in_degrees_are_doubted(folder: Path) -> None:
         read_robot(folder / "mine.toml")
 
 
+def test_an_arm_in_mm_is_refused(folder: Path) -> None:
+    change(folder / "mine.urdf", '<axis xyz="0 1 0"/>', '<axis xyz="0 1 0"/> <origin xyz="0 0 90"/>')
+    with pytest.raises(
+        RobotError, match=r"origin> of joint 'elbow' has 90 m, beyond any arm's reach; give metres, not"
+    ):
+        read_robot(folder / "mine.toml")
+
+
 def test_prefixes_need_not_be_declared(folder: Path) -> None:
     """Many URDFs in use have tags and attributes of Drake or Gazebo with undeclared prefixes; urdfdom reads them."""
     change(folder / "mine.urdf", 'velocity="1.5"', 'velocity="1.5" drake:acceleration="9"')
@@ -600,7 +611,7 @@ def test_a_fault_in_any_file_is_named(folder: Path, file: str, old: str, new: st
             "scale = '0 1 1' in the <mesh> of link 'hand' is smaller than 1e-06",
         ),
         ('<sphere radius="-0.1"/>', "radius = '-0.1' in the <sphere> of link 'hand' is smaller than 1e-06"),
-        ('<box size="1 1 1e9"/>', "size = '1 1 1e9' in the <box> of link 'hand' is larger than 100"),
+        ('<box size="1 1 1e9"/>', "size = '1 1 1e9' in the <box> of link 'hand' is larger than 100 m; "),
         ('<cylinder radius="0.1"/>', "a <cylinder> of link 'hand' has no length"),
         ("<box/>", "a <box> of link 'hand' has no size"),
         ('<mesh scale="1 1 1"/>', "a <mesh> of link 'hand' has no filename; correct it"),

@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
@@ -19,9 +20,11 @@ from pbd.data import Recording
 from pbd.errors import RecordingError, SensorError
 from pbd.files.demo import read_demo, write_demo
 from pbd.record import Command, RecordOptions, Status, record, sensor_connection
+from pbd.record.person_messages import Feedback
 from pbd.record.session import Session
 from pbd.sensors.port import Port, open_port
 from pbd.sensors.protocols import protocol
+from pbd.sensors.reader import Reader
 from pbd.simulation.emulator import Emulator
 from pbd.simulation.hand_motion import Waypoint
 from pbd.simulation.simulate import simulate
@@ -45,6 +48,27 @@ def test_a_sensor_without_a_clock_that_slows_down_keeps_its_times_and_its_usual_
     recording = read_demo(tmp_path / "tea").recording
     assert recording.info.rate_hz == pytest.approx(80.0, abs=0.5) == recording.rate_hz
     assert recording.t == pytest.approx(true[-len(recording) :] - true[-len(recording)], abs=0.03)
+
+
+def test_one_long_burst_does_not_begin_a_recording(tmp_path: Path) -> None:
+    """Its samples seemed to be taken at once."""
+    session = Session(protocol("witmotion").decoder(), replace(options(tmp_path / "tea"), sensor="witmotion"))
+    connection = sensor_connection.SensorConnection(session, cast(Reader, SimpleNamespace(port=None, opened=0.0)))
+    session.take(100 * (witmotion.packet(0x51, (0, 0, 2048)) + witmotion.packet(0x52, (0, 0, 0))), 2.0)
+    assert not connection.may_begin(None)
+    assert connection.may_begin(SensorError("unplugged"))
+
+
+def test_what_can_be_replayed_has_not_failed_whatever_was_seen_live(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Feedback, "stops", 0)
+    hand, speaker = simulate("pick-and-place-direct").recording, SPEAKERS["ximu3-binary"]
+    session = Session(speaker.decoder(), options(tmp_path / "tea"))
+    for row, at in enumerate(hand.t.tolist()):
+        session.take(speaker.encode(hand, row), at)
+    session.close()
+    assert session.outcome("").why_failed == ""
 
 
 WHILE_IT_RECORDS = """

@@ -173,6 +173,14 @@ def test_a_printed_line_is_shown_with_how_many_numbers_it_has(line: str, shown: 
     assert describe_bytes(data, None, "lines") == f"a line is {shown}: correct --columns, --separator or --prefix"
 
 
+def test_lines_of_the_sensor_itself_in_another_unit_are_not_taken_for_an_unknown_sketch() -> None:
+    hand = random_hand(20, 1)
+    data = b"".join(SPEAKERS["razor"].encode(hand, row) for row in range(20))
+    told = describe_bytes(data, None, "razor", "its acc is too large")
+    assert told.startswith("a line is '#")
+    assert told.endswith(": its acc is too large")
+
+
 @pytest.mark.parametrize("data", [b"", b"hello\r\n" * 9, bytes(range(256)) * 4, b"1,2,3\n", b"\xff\n" * 50])
 def test_what_is_no_line_of_numbers(data: bytes) -> None:
     assert printed_line(data) is None

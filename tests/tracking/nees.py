@@ -17,17 +17,22 @@ from pbd.pipeline import track
 from pbd.pose import (
     Array,
     quat_about_z,
+    quat_exp,
     quat_from_matrix,
+    quat_from_rpy,
     quat_inverse,
     quat_log,
     quat_multiply,
     quat_rotate,
+    quat_to_matrix,
+    quat_to_rpy,
     yaw_toward,
 )
 from pbd.simulation.simulate import SENSOR_MODELS, TASKS, random_task, simulate
 from pbd.simulation.tasks import Task
 from pbd.tracking.noise import FACTORY, Noise
 from pbd.tracking.smoother.attitude import mean_quaternion
+from tests.not_none import not_none
 from tests.simulation.sway import with_sway
 
 RANDOM: dict[str, Callable[[int], Task]] = {
@@ -94,6 +99,19 @@ def demonstration(task: str, sensor: str, seed: int, sway_speed: float = 0.0) ->
     if seed % 2:
         demo = replace(demo, recording=replace(demo.recording, mag=None, device_rpy=None))
     return replace(demo, truth=replace(truth, wxyz_nav_sensor=wxyz))
+
+
+def without_gyro(demo: Demonstration, seed: int) -> Demonstration:
+    """The demonstration without a gyro. The device's own attitude errs by 0.5 degrees about each axis.
+
+    The error changes smoothly with the attitude (a sum of waves in its matrix), and is another one after about 1 rad.
+    """
+    rng, wxyz, waves = np.random.default_rng(seed), quat_from_rpy(not_none(demo.recording.device_rpy)), 64
+    phase = quat_to_matrix(wxyz).reshape(-1, 9) @ rng.normal(0.0, np.sqrt(0.5), (9, waves))
+    amplitude = rng.normal(0.0, Noise.device_attitude * np.sqrt(2.0 / waves), (waves, 3))
+    off = np.cos(phase + rng.uniform(0.0, 2.0 * np.pi, waves)) @ amplitude
+    rpy = quat_to_rpy(quat_multiply(quat_exp(off), wxyz))
+    return replace(demo, recording=replace(demo.recording, gyr=None, device_rpy=rpy))
 
 
 def accelerometer_axes(sensor: str, seed: int) -> Array:

@@ -151,7 +151,7 @@ def test_a_tool_far_out_over_the_table_is_less_sure_in_height() -> None:
 )
 def test_what_needs_a_calibration_is_left_out_and_told(known: Known, message: str) -> None:
     path = hand_path(np.zeros((2, 3)), np.array([1e-4 * np.eye(3)]))
-    with pytest.warns(PbdWarning, match=rf"^{message}.*, so it is left out; it counts with --calibration or --robot$"):
+    with pytest.warns(PbdWarning, match=rf"^{message}.*, so it counts only with a robot or a --calibration$"):
         assert apply_constraints(path, known) is path
 
 

@@ -9,12 +9,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from pbd.arm.collision.allowed_collisions import NEARLY_ALWAYS, sample_coordinates
+from pbd.arm.collision.clearance import Clearance
 from pbd.arm.collision.scene import CollisionScene, Hit
 from pbd.arm.path_sampling import sample_trajectory
 from pbd.data import JointTrajectory
-from pbd.data.world import TABLE, ObjectPhase, gripped_spans
+from pbd.data.world import TABLE, TABLE_HEIGHT, ObjectPhase, gripped_spans
 from pbd.errors import PlanError, listed
 from pbd.pose import Pose
+
+CHANGE_HOME, MOVE_ARM = "change home in the robot's TOML", "move the arm"
+"""How an arm that touches something where it stands comes to stand elsewhere."""
 
 _STILL_RAD = 1e-6  # the arm counts as standing at joints that differ by less
 _MERGED_S = 0.1  # contacts of one pair closer in time than this are merged
@@ -85,18 +90,23 @@ def refuse_home(scene: CollisionScene) -> None:
     home = scene.arm.robot.home
     hit = scene.hit(home)
     if hit is not None:
-        raise PlanError(
-            f"home of {scene.arm.robot.name}: {hit}; {_by_design(scene, hit)}{_away_from_home(scene, hit)}",
-            home=tuple(home.tolist()),
-            **hit.fields,
-        )
+        what = f"home of {scene.arm.robot.name}: {hit}; {where_it_stands(scene, hit, CHANGE_HOME)}"
+        raise PlanError(what, home=tuple(home.tolist()), **hit.fields)
 
 
-def _away_from_home(scene: CollisionScene, hit: Hit) -> str:
-    change = "change home in the robot's TOML"
-    if hit.second == TABLE:
-        return f"correct table_height in the calibration, or {change}"
-    return f"move {hit.second}, or {change}" if hit.second in scene.obstacles else change
+def where_it_stands(scene: CollisionScene, hit: Hit, move: str) -> str:
+    """Say what to do about a hit where the arm stands; `move` says how it comes to stand elsewhere."""
+    other = hit.second
+    if other == TABLE:
+        return f"correct {TABLE_HEIGHT}, or {move}"
+    if other not in scene.obstacles:
+        return f"{_by_design(scene, hit)}{move}"
+    always = scene.always
+    rows = [row for row in range(len(always.pairs)) if always.names(row) == (hit.first, other)]
+    these = Clearance(scene.arm, always.bodies, always.pairs[rows])
+    if these.always_touching(sample_coordinates(scene.arm), NEARLY_ALWAYS):
+        return f"so it would in nearly every configuration: correct {other} in the calibration"
+    return f"move {other}, or {move}"
 
 
 def _by_design(scene: CollisionScene, hit: Hit) -> str:
@@ -161,9 +171,7 @@ def _advice(scene: CollisionScene, trajectory: JointTrajectory, found: MotionHit
     other = found.hit.second
     if _at_start(trajectory, found):
         at_home = np.abs(trajectory.at(np.zeros(1)).q[0] - scene.arm.robot.home).max() < _STILL_RAD
-        move = "change home in the robot's TOML" if at_home else "move the arm"
-        stands = "table_height" if other == TABLE else "the obstacles" if other in scene.obstacles else ""
-        return f"{move}, or correct {stands} in the calibration" if stands else move
+        return where_it_stands(scene, found.hit, CHANGE_HOME if at_home else MOVE_ARM)
     if other == TABLE:
         return "raise the keyframe, or raise the dock and with it the whole motion"
     if other in scene.obstacles:

@@ -71,6 +71,8 @@ def _pose(args: argparse.Namespace, robot: Robot | None, calibration: Calibratio
     """Return T_base_dock, its covariance (6, 6) without that of putting the sensor down, and its source in words."""
     if args.rpy is not None and args.position is None:
         raise UsageError("--rpy goes with --position; leave it out")
+    if args.calibration is not None and args.from_keyframe is None:
+        raise UsageError("--calibration goes with --from-keyframe; leave it out")
     if args.position is not None:
         before = calibration.T_base_dock
         kept = np.zeros(3) if before is None else np.degrees(quat_to_rpy(before.wxyz))
@@ -82,7 +84,7 @@ def _pose(args: argparse.Namespace, robot: Robot | None, calibration: Calibratio
         turned = "" if args.rpy is not None or not kept.any() else ", with its former rotation (--rpy changes it)"
         return Pose.from_rpy(args.position, np.radians(rpy_deg)), np.zeros((6, 6)), f"as given{turned}"
     if args.joints is not None:
-        pose = _tool_at_joints(args.joints, robot) @ calibration.T_sensor_tool.inverse()
+        pose = tool_at_joints(args.joints, robot) @ calibration.T_sensor_tool.inverse()
         return pose, np.zeros((6, 6)), "where the robot's tool stands at those joints"
     name, index = args.from_keyframe
     if args.calibration in (None, args.name):  # else each run would move the dock on
@@ -98,7 +100,7 @@ def _pose(args: argparse.Namespace, robot: Robot | None, calibration: Calibratio
     return *dock_at(keyframes, int(index), through, path), f"where {name} stopped at keyframe {index}"
 
 
-def _tool_at_joints(joints: list[float], robot: Robot | None) -> Pose:
+def tool_at_joints(joints: list[float], robot: Robot | None) -> Pose:
     """Return T_base_tool by forward kinematics; joints in degrees, sliding joints in m."""
     from pbd.arm.model import load_model
 
@@ -107,7 +109,7 @@ def _tool_at_joints(joints: list[float], robot: Robot | None) -> Pose:
     if len(joints) != len(robot.joints):
         raise UsageError(
             f"{robot.name} has {len(robot.joints)} joints ({', '.join(robot.joints)}), but {len(joints)} numbers "
-            "were given; give one for each joint, in degrees",
+            "were given; give one for each joint, in degrees (sliding joints: m)",
             value=len(joints),
             bound=len(robot.joints),
         )
@@ -118,8 +120,8 @@ def _tool_at_joints(joints: list[float], robot: Robot | None) -> Pose:
     for k in np.flatnonzero(~inside):
         lower, upper = limits.lower[k] * per_si[k], limits.upper[k] * per_si[k]
         raise PlanError(
-            f"joint {robot.joints[k]} can't be at {joints[k]:g}: its limits are {lower:.1f} to {upper:.1f}; "
-            "give degrees within them",
+            f"joint {robot.joints[k]} can't be at {joints[k]:g}: its limits are {lower:.4g} to {upper:.4g}; "
+            f"give {'degrees' if model.turns[k] else 'm'} within them",
             joint=robot.joints[k],
             value=float(q[k]),
         )

@@ -18,7 +18,7 @@ from pbd.cli.common import sigma_json, track_with
 from pbd.cli.console import print_json, say, working
 from pbd.data import Calibration, HandPath, Keyframe, Recording
 from pbd.data.covariance import one_sigma
-from pbd.errors import CalibrationError, amount, warn
+from pbd.errors import CalibrationError, UsageError, amount, warn
 from pbd.files.calibration_edit import calibration_to_update, pose_values, update_calibration
 from pbd.files.demo import load_demo
 from pbd.files.points import Points, read_points
@@ -148,6 +148,10 @@ def _report_heading(
 
     Without a magnetometer they are None and 0.
     """
+    again = [(name, load_demo(name).recording) for name in args.again]
+    if again and (bare := [name for name, each in [(args.demo, recording), *again] if each.mag is None]):
+        what = f"--again compares headings by the magnetometer, and {bare[0]} has none; leave it out"
+        raise UsageError(what, value=bare[0])
     if recording.mag is None:
         if part == "nav":
             warn(
@@ -163,13 +167,13 @@ def _report_heading(
         f"the magnetic heading differs by {np.degrees(spread.heading):.1f} degrees from stop to stop (rms), the "
         f"field's strength by {100.0 * spread.strength:.0f} %"
     )
-    if args.again:
+    if again:
         turns = []
-        for name in args.again:
+        for name, other in again:
             with working(f"tracking {name}"):
-                path = track(load_demo(name).recording, calibration=calibration, accept_gap=args.accept_gap)
-                again = find_keyframes(path)[0].T_nav_sensor.wxyz
-                turns.append(yaw_toward(keyframes[0].T_nav_sensor.wxyz, again))
+                path = track(other, calibration=calibration, accept_gap=args.accept_gap)
+                wxyz = find_keyframes(path)[0].T_nav_sensor.wxyz
+                turns.append(yaw_toward(keyframes[0].T_nav_sensor.wxyz, wxyz))
         changes = np.array(turns)
         heading = rms(changes)
         say(

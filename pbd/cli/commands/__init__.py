@@ -22,7 +22,7 @@ exit codes: 0 done; 1 the input, the output or the device is at fault; 2 wrong u
 
 
 @cache
-def parser() -> argparse.ArgumentParser:
+def parser() -> Parser:
     """Build the parser of all commands."""
     top = Parser(
         prog="pbd",
@@ -49,8 +49,11 @@ def parser() -> argparse.ArgumentParser:
 def parse(argv: Sequence[str] | None) -> argparse.Namespace:
     """Parse a command line. Unknown arguments are reported by the command's own parser, with its help."""
     top = parser()
+    args: argparse.Namespace
     args, unknown = top.parse_known_args(argv)
+    command: Parser = getattr(args, "parser", top)
+    if unknown and not any(word.startswith("-") for word in unknown):  # an option is between two names
+        args, unknown = command.parse_known_intermixed_args(command.words)
     if unknown:
-        command: argparse.ArgumentParser = getattr(args, "parser", top)
         command.error(f"unexpected argument '{unknown[0]}'")
     return args

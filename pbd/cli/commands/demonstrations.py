@@ -148,5 +148,5 @@ def sensors(parser: ArgumentParser) -> None:
     output = "with phyphox: the experiment's file (pbd.phyphox), or a picture of its code (.png, .svg)"
     option(parser, "-o --output", "FILE", output, type=Path)
     flag(parser, "--probe", "listen to each port and detect its sensor")
-    option(parser, "--port", "P", "this port only")
+    option(parser, "--port", "P", "with --probe: this port only")
     add_table(parser)

@@ -14,11 +14,11 @@ from pbd.files.find_by_name import names
 class Parser(argparse.ArgumentParser):
     """An argparse parser whose errors are one line that says where the help is."""
 
-    _words: Sequence[str] = ()
+    words: Sequence[str] = ()
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
-        """Parse, and keep the words for the message of an error."""
-        self._words = list(sys.argv[1:] if args is None else args)
+        """Parse, and keep the words."""
+        self.words = list(sys.argv[1:] if args is None else args)
         return super().parse_known_args(args, namespace)
 
     def error(self, message: str) -> NoReturn:
@@ -42,7 +42,7 @@ class Parser(argparse.ArgumentParser):
     def _unknown_option(self, known: Sequence[str]) -> tuple[str, str]:
         """Return the first unknown option, and the option before it where it may be its value; "" if there is none."""
         before = ""
-        for word in self._words:
+        for word in self.words:
             if word == "--" or (self._subparsers is not None and not word.startswith("-")):
                 break  # files follow, or a command's own options
             name = word.partition("=")[0]

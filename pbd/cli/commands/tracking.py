@@ -6,7 +6,6 @@ from pathlib import Path
 
 from pbd.cli.options import (
     CALIBRATION,
-    REPLACE_DEMO,
     add_accept_gap,
     add_demo,
     add_placing,
@@ -124,7 +123,8 @@ def fuse(parser: ArgumentParser) -> None:
     option(parser, "--save-calibration", "NAME", kept)
     drawn = "draw the takes' match and the hand's scatter into this folder; older figures are replaced"
     option(parser, "--plot", "DIR", drawn, type=Path)
-    flag(parser, "--force", REPLACE_DEMO)
+    replaced = "replace a fused demonstration of that name; one with a person's edits stays in NAME.before"
+    flag(parser, "--force", replaced)
     add_table(parser, units="m,deg")
     option(parser, "--calibration", "C", f"{CALIBRATION}: its [sensor] is taken out of each take first")
     add_accept_gap(parser)

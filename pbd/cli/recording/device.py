@@ -4,7 +4,7 @@ import argparse
 import time
 from collections.abc import Callable
 
-from pbd.cli.common import decoder_maker, refuse_columns
+from pbd.cli.common import decoder_maker
 from pbd.cli.console import working
 from pbd.errors import SensorError, UsageError, amount
 from pbd.sensors import port as serial_port
@@ -54,7 +54,7 @@ def find_sensor(args: argparse.Namespace) -> tuple[str, Callable[[], ByteSource]
 
 def _phone(args: argparse.Namespace) -> tuple[str, Callable[[], ByteSource], Decoder]:
     """Find a phone, as `find_sensor` does. Its model is in the name, by which a calibration knows it."""
-    refuse_columns(args, PHONE)
+    decoder = decoder_maker(args, PHONE)
     if args.sensor not in (PHONE, None):
         raise UsageError(f"{args.sensor} has a serial port; for a phone give --sensor {PHONE}", value=args.sensor)
     if args.port is None:
@@ -66,7 +66,7 @@ def _phone(args: argparse.Namespace) -> tuple[str, Callable[[], ByteSource], Dec
     from pbd.sensors.phyphox.phone import PhonePort
 
     phone = PhonePort(args.port)
-    return (f"{PHONE} ({phone.model})" if phone.model else PHONE), phone.connect, protocol(PHONE).decoder()
+    return (f"{PHONE} ({phone.model})" if phone.model else PHONE), phone.connect, decoder()
 
 
 def probe_port(device: str) -> ProbeResult:

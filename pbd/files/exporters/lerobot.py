@@ -1,7 +1,7 @@
 """A LeRobotDataset v3.0, to train, view and replay with LeRobot. Each demonstration is an episode.
 
-Joints are in the degrees of LeRobot if the robot has [servos], else in rad. The action is the planned motion at each
-frame; the state is one frame behind, as in a recording of an arm that follows its goals. pyarrow, which comes with
+Joints are in the degrees of LeRobot if the robot has [servos], else in rad or m. The action is the planned motion at
+each frame; the state is one frame behind, as in a recording of an arm that follows its goals. pyarrow, which comes with
 pbd-robot[lerobot], writes the files; LeRobot is not needed.
 """
 
@@ -64,7 +64,7 @@ def refuse_dataset(folder: Path, robot: Robot) -> None:
 def first_frame_text(robot: Robot, points: Samples) -> str:
     """Return the joints of the first frame as text, in the dataset's unit."""
     first = values(robot, points.q[:1], points.gripper[:1])[0].tolist()
-    unit, decimals = ("degrees", 1) if robot.servos is not None else ("rad", 3)
+    unit, decimals = ("degrees", 1) if robot.servos is not None else ("rad; m where it slides", 3)
     joints = ", ".join(f"{name} {x:.{decimals}f}" for name, x in zip(robot.joints, first, strict=False))
     return f"{joints} ({unit}), gripper {first[-1]:.0f}"
 
@@ -85,7 +85,7 @@ def samples(request: ExportRequest) -> Samples:
 
 
 def values(robot: Robot, q: Array, opening: Array) -> Rows:
-    """Convert joints (n, k), rad, and the gripper's opening (n,) to the dataset's units, (n, k + 1) float32."""
+    """Convert joints (n, k), rad or m, and the gripper's opening (n,) to the dataset's units, (n, k + 1) float32."""
     servos, gripper = robot.servos, robot.gripper
     if servos is None or gripper is None:
         return np.column_stack((q, 100.0 * opening)).astype(np.float32)

@@ -83,9 +83,9 @@ class ErrorStateFilter:
         self.x, self.gravity, self.north = np.zeros(ERRORS), noise.gravity, 0.0
         self.x[LAG] = noise.lag
         self.C = C
-        self._lag_is_free = False
+        self._lag_is_free = no_gyro
         sigma = np.zeros(STATES)
-        sigma[:2], sigma[VEL] = LEVEL_SIGMA, noise.still_speed
+        sigma[:2], sigma[VEL] = sqrt(2.0) * noise.device_attitude if no_gyro else LEVEL_SIGMA, noise.still_speed
         acc_factor, errors = acc_sigma_factor(noise, rest), np.zeros(ERRORS)
         errors[GYR_BIAS], errors[ACC_BIAS] = noise.gyr_bias, acc_factor * sensor.acc_bias
         errors[LAG], errors[GYR_MATRIX] = noise.lag_sigma, sensor.gyr_scale
@@ -199,9 +199,9 @@ class ErrorStateFilter:
         """For `lasted` s the hand was within reach of its first rest; robust by Cauchy's weight, as in `factors`."""
         self._update(H_POS, -self.p, (self.noise.reach**2 + float(self.p @ self.p)) / lasted, robust=False)
 
-    def update_device_attitude(self, rate: Array) -> None:
-        """Without a gyro the gyro frame is nav, but the device's attitude errs, and lags at `rate` (3,) rad/s."""
-        variance = self.noise.device_attitude**2 + self.noise.device_lag**2 * float(rate @ rate)
+    def update_device_attitude(self, turned: float) -> None:
+        """Without a gyro the gyro frame is nav, but the device's attitude errs, anew as it has `turned`, rad."""
+        variance = 2.0 * self.noise.device_attitude**2 / max(turned, 1e-9)
         self._update_heading(float(matrix_log(self.E)[2]), UP, variance)
         self._update(IDENTITY[:2], -matrix_log(self.E)[:2], variance, robust=False)
 
@@ -209,6 +209,10 @@ class ErrorStateFilter:
         H = np.zeros((1, STATES))
         H[0, ROT], H[0, NORTH_ROW] = by_turn, 1.0
         self._update(H, np.array([-east - self.north]), variance, robust=False)
+
+    def remove_lag(self, lag: float) -> None:
+        """The samples to come are without this part of the lag, s."""
+        self.x = self.x - lag * np.eye(ERRORS)[LAG][0]
 
     def set_origin(self) -> None:
         """This position is nav's origin, and this heading is exact by definition."""

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from pbd.pose import Array
+from pbd.pose import Array, quat_from_matrix, quat_to_matrix
 from pbd.tracking.estimate import BOUNCE_M, BOUNCE_RAD, BOUNCE_S, is_where_it_was
 from pbd.tracking.first_rest import REST_S, STILL_ACC, Rest
 from pbd.tracking.moving_windows import PASSES, rows_of_mean
@@ -19,7 +19,7 @@ from pbd.tracking.online.strapdown import Strapdown
 from pbd.tracking.online.sway import deviation_from_line, sway_of
 from pbd.tracking.smoother.doubtful_stops import SLOW_SPEED
 from pbd.tracking.smoother.knots import STOP_KNOT_S
-from pbd.tracking.smoother.preintegration import BLOCK_S, GYR_BIAS, integral_of_means
+from pbd.tracking.smoother.preintegration import BLOCK_S, GYR_BIAS, LAG, integral_of_means
 from pbd.tracking.zero_velocity import ENERGY_WINDOW_S, SHORTEST_MOVE_S, QuietWindows, energies, zero_velocity_sigma
 
 VELOCITY_GATE = 14.2
@@ -47,6 +47,7 @@ class LiveHand:
         # The means of slow motion need a window on each side of one.
         self._window: deque[tuple[RepairedSample, Array, Array]] = deque(maxlen=3 * self._n)
         self._past_stops: list[LiveStop] = []
+        self._attitudes: deque[Array] = deque(maxlen=self._n)  # gyro frame <- sensor
         self._shaking: Array = np.zeros(3)
         self._angles = [(samples[0].t, np.zeros(3))]  # of the present stop's last second
         t, gyr = np.array([sample.t for sample in samples]), np.array([sample.gyr for sample in samples])
@@ -54,6 +55,7 @@ class LiveHand:
         self._trial: StopTrial | None = None
         self._trial_filter: ErrorStateFilter | None = None
         self._without_last: ErrorStateFilter | None = None  # as if the last stop were none; None if it is certainly one
+        self._turned = 0.0  # rad, since the device's own attitude was last used
         self._peak = 0.0  # m/s2, largest acceleration of a block since the hand stood still
         self._t_knot, self._t_compass = samples[0].t, samples[0].t
         fields = [sample.mag for sample in samples if sample.mag is not None]
@@ -82,6 +84,7 @@ class LiveHand:
         strapdown.push(sample)
         seen = (sample.acc, np.zeros(3)) if self._no_gyro else (strapdown.u, strapdown.rate)
         self._window.append((sample, *seen))
+        self._attitudes.append(strapdown.C)
         if sample.mag is not None and self._field is not None:
             self._field.append(strapdown.C @ sample.mag)
         if strapdown.count < strapdown.block:
@@ -91,6 +94,7 @@ class LiveHand:
         leg = strapdown.leg(up, quiet)
         self._peak = max(self._peak, float(np.linalg.norm(leg.dU / leg.T - up)))
         self._angles.append((sample.t, self._angles[-1][1] + leg.angle))
+        self._turned += float(np.linalg.norm(leg.angle))
         for each in self._filters():
             each.propagate(leg)
         events = (
@@ -123,13 +127,16 @@ class LiveHand:
             if sample.t - self._t_knot > 0.5 * self._noise.stride_time:
                 each.update_reach(sample.t - self._t_compass)
             if self._no_gyro:
-                each.update_device_attitude(self._strapdown.rate)
+                each.update_device_attitude(self._turned)
             if self._field:
                 each.update_compass(np.mean(self._field, axis=0), sample.t - self._t_compass)
+        self._turned = 0.0
         self._t_compass, self._field = sample.t, None if self._field is None else []
 
     def _add_knot(self, kalman: ErrorStateFilter, t: float, same: bool, robust: bool = True) -> None:
         """Add a knot of zero velocity; `same`: it is in the last knot's stop, so nothing moved since then."""
+        if self._no_gyro:  # undoing the lag makes noise of what one sample is off
+            kalman.C = quat_to_matrix(quat_from_matrix(np.mean(self._attitudes, axis=0)))
         if same:
             at, angle = (np.array(values) for values in zip(*self._angles, strict=True))
             seen = sway_of(at, angle)
@@ -264,6 +271,10 @@ class LiveHand:
                 "there, and stops may be missing; record again"
             )
         self._stop = LiveStop(first, sample, pose, cov)
+        if self._no_gyro:  # at a stop the attitude does not jump
+            self._strapdown.lag += (lag := float(self._trial_filter.x[LAG][0]))
+            for each in self._filters():
+                each.remove_lag(lag)
         return [*([DataFlaw(before.last.t, flaw)] if flaw else []), self.current_stop(sample.t, continues)]
 
     def current_stop(self, t: float, continues: bool = False) -> StopBegan:

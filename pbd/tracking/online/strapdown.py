@@ -6,7 +6,7 @@ from math import inf, sin, sqrt
 
 import numpy as np
 
-from pbd.pose import Array, lengths, matrix_log, quat_from_rpy, quat_to_matrix, skew
+from pbd.pose import Array, matrix_log, quat_from_rpy, quat_to_matrix, skew
 from pbd.tracking.moving_windows import rows_of_mean
 from pbd.tracking.noise import Noise, densities
 from pbd.tracking.online.sample_repair import RepairedSample
@@ -91,6 +91,7 @@ class Strapdown:
         C: (3, 3) gyro frame <- sensor.
         u: (3,) m/s2, specific force in the gyro frame.
         rate: (3,) rad/s, without the first rest's mean.
+        lag: s, time constant of the low-pass of the device's own attitude, as far as it is undone.
         T, U, P: the block so far: duration s, change of velocity (3,) m/s, displacement from standing (3,) m.
         clipped: "gyro" or "accelerometer" if it was at the end of its range, else ""; the reader resets it.
     """
@@ -99,7 +100,9 @@ class Strapdown:
         self.noise = noise
         self._interval, self._bias, self._no_gyro = interval, gyro_bias, no_gyro
         self.block = max(1, round(BLOCK_S / interval))
-        self.C: Array = _device_attitude(first) if no_gyro else np.eye(3)
+        self.lag = 0.0
+        self._device: Array = _device_attitude(first) if no_gyro else np.eye(3)
+        self.C = self._device
         self.rate = first.gyr - gyro_bias
         self._acc, self._t = first.acc, first.t
         self._before = self.rate
@@ -125,9 +128,9 @@ class Strapdown:
         """Take the next sample."""
         dt = sample.t - self._t
         if self._no_gyro:
-            now = _device_attitude(sample)
-            rate = matrix_log(self.C.T @ now) / dt
-            self.C = now
+            before, self._device = self._device, _device_attitude(sample)
+            rate = matrix_log(before.T @ self._device) / dt
+            self.C = self._device @ turn_matrix(self.lag * rate)
         else:
             rate = sample.gyr - self._bias
             turn = _middles(dt, self._before, self.rate, rate) + dt**2 / 12.0 * _cross(self.rate, rate)
@@ -170,7 +173,8 @@ class Strapdown:
         rate, force = (np.add.reduce(each) / (n + 1) for each in (self._rates, self._accs))
         J = np.zeros((9, ERRORS))
         w, f = (np.zeros(3), up @ C) if quiet else (rate, force)
-        (J[ROT, OF_GYR],), (J[VEL, OF_ACC],) = of_blocks_by_errors(C[None], w[None], f[None], np.array([T]))
+        (by_gyr,), (J[VEL, OF_ACC],) = of_blocks_by_errors(C[None], w[None], f[None], np.array([T]))
+        J[ROT, OF_GYR] = 0.0 if self._no_gyro else by_gyr
         J[VEL, OF_GYR] = -0.5 * skew(self.U) @ J[ROT, OF_GYR]
         J[VEL, LAG] = (T / (n + 1) * (C @ self._by_lag))[:, None]
         J[POS] = 0.5 * T * J[VEL]
@@ -185,8 +189,6 @@ class Strapdown:
         recent = np.array(self._recent)[-(n + 2 * edge) :]
         u, rate = recent[:, 0], recent[:, 1]
         s_g, s_a = (each[:, edge:-edge].sum() * dt for each in densities(self.noise, rate, u, self._interval, up))
-        if self._no_gyro:
-            s_g += self.noise.device_lag * float((lengths(rate[-n:]) ** 2).sum()) * dt
         g, a = np.add((s_g, s_a), self._gap_noise)
         g, a, to_end, h = np.array([g, a, 0.5 * T, T])[:, None]
         white: Array = block_noise(self.U[None] / T, g, a, to_end, h, np.array([0]))[0]

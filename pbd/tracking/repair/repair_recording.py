@@ -13,6 +13,7 @@ from pbd.tracking.repair.clock import with_checked_times
 from pbd.tracking.repair.gaps import BRIDGED_S, FROZEN, Gap, bridged, find_gaps, warn_of_gaps
 from pbd.tracking.repair.gyro_consistency import refuse_disagreement
 from pbd.tracking.repair.splices import in_order, refuse_doubled, without_wild
+from pbd.tracking.repair.tilt_compass import warn_of_tilt_compass
 from pbd.tracking.repair.units import LARGEST_READING, refuse_other_units
 
 
@@ -53,6 +54,7 @@ def repair_recording(recording: Recording) -> tuple[Recording, tuple[Gap, ...]]:
     part = _longest_unbroken(recording, long)
     if part is not None:
         refuse_disagreement(part)
+    warn_of_tilt_compass(recording)
     return recording, long
 
 

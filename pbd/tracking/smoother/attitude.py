@@ -4,7 +4,18 @@ import numpy as np
 
 from pbd.data import Recording
 from pbd.errors import TrackingError
-from pbd.pose import Array, lengths, quat_canonical, quat_from_rpy, quat_inverse, quat_log, quat_multiply, quat_rotate
+from pbd.pose import (
+    Array,
+    lengths,
+    quat_canonical,
+    quat_exp,
+    quat_from_rpy,
+    quat_inverse,
+    quat_log,
+    quat_multiply,
+    quat_rotate,
+    quat_to_rpy,
+)
 from pbd.tracking.moving_windows import Rows, Spans
 from pbd.tracking.smoother.preintegration import GyroFrame, gyro_frame
 
@@ -26,10 +37,20 @@ def gyro_frame_of(recording: Recording, gyro_bias: Array) -> GyroFrame:
     if recording.device_rpy is None:
         raise TrackingError(NO_ORIENTATION)
     wxyz = quat_from_rpy(recording.device_rpy)
+    return gyro_frame(t, _rates(t, wxyz), recording.acc, interval, wxyz)
+
+
+def _rates(t: Array, wxyz: Array) -> Array:
+    """Turn rate (n, 3) rad/s, in sensor axes, at each attitude (n, 4)."""
     dt, turns = np.diff(t)[:, None], quat_log(quat_multiply(quat_inverse(wxyz[:-1]), wxyz[1:]))
     turns = np.divide(turns, dt, out=np.zeros_like(turns), where=dt > 0.0)
-    gyr = 0.5 * (np.vstack((turns, turns[-1:])) + np.vstack((turns[:1], turns)))
-    return gyro_frame(t, gyr, recording.acc, interval, wxyz)
+    return 0.5 * (np.vstack((turns, turns[-1:])) + np.vstack((turns[:1], turns)))
+
+
+def without_low_pass(t: Array, rpy: Array, time_constant: float) -> Array:
+    """Roll, pitch and yaw (n, 3) rad before a first-order low-pass: it lags by its rate times its time constant, s."""
+    wxyz = quat_from_rpy(rpy)
+    return quat_to_rpy(quat_multiply(wxyz, quat_exp(time_constant * _rates(t, wxyz))))
 
 
 def level_at_stops(frame: GyroFrame, rows: Rows, stops: Spans) -> Array:

@@ -174,11 +174,14 @@ def shows_north(dip: float) -> bool:
 
 
 def _add_device_attitude(equations: NormalEquations, problem: Problem, x: State) -> None:
-    """The device's own attitude. It lags, so its sigma grows with the rate."""
-    noise = problem.noise
-    rate = lengths(problem.frame.gyr[problem.rows])
-    sigma = np.hypot(noise.device_attitude, noise.device_lag * rate)
-    equations.add(matrix_log(x.E), 1.0 / sigma**2, (0, ROT, 1.0))
+    """The error of the device's own attitude is a Gauss-Markov process in the angle turned (`Noise.device_attitude`).
+
+    Its density is that of a random walk, which the legs have, times 1 / (2 sigma^2) for each rad and for both ends.
+    """
+    C = problem.C
+    turned = lengths(matrix_log(C[:-1].transpose(0, 2, 1) @ C[1:])) + problem.noise.device_drift * problem.legs.T
+    about = 0.5 * (np.append(2.0, turned) + np.append(turned, 2.0))
+    equations.add(matrix_log(x.E), 0.5 * about / problem.noise.device_attitude**2, (0, ROT, 1.0))
 
 
 def _add_priors(equations: NormalEquations, problem: Problem, x: State, fixed: Fixed) -> None:

@@ -17,6 +17,7 @@ from pbd.tracking.smoother.preintegration import (
     BLOCK_S,
     GYR_MATRIX,
     LOWER,
+    OF_GYR,
     POS,
     VEL,
     GyroFrame,
@@ -107,8 +108,11 @@ class Samples:
         frame, noise, rest = self.frame, self.noise, self.rest
         up = _force_at_rest(frame, self.still)
         t, (s_g, s_a) = frame.t, densities(noise, frame.gyr, frame.u, frame.dt, up)
-        if self.no_gyro:  # the device's attitude follows a turn late, then catches up
-            s_g[0] = noise.device_lag * (frame.gyr**2).sum(axis=1)
+        if self.no_gyro:
+            # Half an interval of the lag is left: a filter steps once a sample. Neither part is scaled by residuals, as
+            # the device's error changes smoothly: a leg shows less of it than a stop has.
+            left = (0.5 * frame.dt) ** 2 / noise.device_lag * (frame.gyr**2).sum(axis=1)
+            s_g[0], s_g[1] = s_g[1] + left + noise.gyr_turn**2 * noise.device_drift, 0.0
             s_a[0] = frame.dt * frame.u[rest.start : rest.stop].var(axis=0).mean()  # gravity, tilted by attitude noise
         for first, last in (*self.gaps, *self.still_gaps):
             lasts = float(t[last] - t[first])
@@ -148,6 +152,8 @@ def build_problem(samples: Samples, stops: Spans) -> Problem:
     stop_of = np.where(stop_of < 0, -1, np.searchsorted(used, stop_of))
     borders = np.concatenate((t[rows[:1]], 0.5 * (t[rows[1:]] + t[rows[:-1]]), t[rows[-1:]]))
     legs = preintegrate(frame, rows, samples.density, samples.lost_motion, _knot_velocity(frame, rows, stop_of))
+    if samples.no_gyro:
+        legs.J[:, :, OF_GYR] = 0.0  # there is none that errs
     field = None if mag is None else mean_around(quat_rotate(frame.wxyz, mag), rows, round(STOP_KNOT_S / dt))
     if field is not None:
         field /= np.abs(field).max()

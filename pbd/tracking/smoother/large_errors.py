@@ -13,6 +13,7 @@ from pbd.data import Recording
 from pbd.data.streams import interpolate
 from pbd.pose import Array
 from pbd.tracking.noise import OUTLIER_SIGMAS, Noise
+from pbd.tracking.smoother.attitude import without_low_pass
 from pbd.tracking.smoother.gauss_newton import Descent
 from pbd.tracking.smoother.hard_iron import find_hard_iron
 from pbd.tracking.smoother.knots import Problem
@@ -29,7 +30,8 @@ class LargeErrors:
     """What is removed from the samples.
 
     Attributes:
-        lag, scale: s, of the gyro's time stamps; the gyro's readings are multiplied by 1 + scale.
+        lag, scale: s, of the gyro's time stamps; the gyro's readings are multiplied by 1 + scale. Without a gyro, `lag`
+            is the time constant of the low-pass of the device's own attitude.
         hard_iron: (3,) in the unit of the magnetic field.
     """
 
@@ -39,12 +41,14 @@ class LargeErrors:
 
     def removed_from(self, recording: Recording) -> Recording:
         """The recording without these errors."""
-        gyr, mag = recording.gyr, recording.mag
+        gyr, mag, device_rpy = recording.gyr, recording.mag, recording.device_rpy
+        if gyr is None and device_rpy is not None and self.lag != 0.0:
+            device_rpy = without_low_pass(recording.t, device_rpy, self.lag)
         if gyr is not None and (self.lag != 0.0 or self.scale != 0.0):
             gyr = interpolate(recording.t + self.lag, recording.t, gyr) * (1.0 + self.scale)
         if mag is not None and self.hard_iron.any():
             mag = mag - self.hard_iron
-        return replace(recording, gyr=gyr, mag=mag)
+        return replace(recording, gyr=gyr, mag=mag, device_rpy=device_rpy)
 
 
 def find_large_errors(problem: Problem, found: Descent, mag: Array | None, removed: LargeErrors) -> LargeErrors | None:

@@ -176,7 +176,7 @@ def _solve_with_wide_prior(
             return None
         initial, fixed = _initial_state(problem, prior)
         found = descend(problem, initial, fixed, ANNEALING)
-        if no_gyro or not passes_left:
+        if not passes_left:
             break
         if np.abs(found.x.gyr_bias).max() > 0.5 * QUIET_GYR:  # later rests may seem to turn
             drift = interpolate(frame.t, problem.t, found.x.gyr_bias)
@@ -184,7 +184,7 @@ def _solve_with_wide_prior(
             if sum(stop - start for start, stop in more) > sum(stop - start for start, stop in stops):
                 stops = more
                 continue
-        large = find_large_errors(problem, found, recording.mag, removed)
+        large = find_large_errors(problem, found, None if no_gyro else recording.mag, removed)
         if large is None:
             break
         removed = large

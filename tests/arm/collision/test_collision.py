@@ -176,11 +176,11 @@ def test_against_dense_sampling(arm: ArmModel) -> None:
         ),
         (
             Obstacle("the lamp", "sphere", (0.2,), Pose.from_rpy((0.31, 0.0, 0.6), (0, 0, 0))),
-            r"at the start of the motion \(t = 0\.0 s\): panda_\w+ touches the lamp, \d+\.\d cm deep; change home",
+            r"at the start of the motion \(t = 0\.0 s\): panda_\w+ touches the lamp, \d+\.\d cm deep; move the lamp,",
         ),
         (  # from the start to keyframe 0
             Obstacle("the lamp", "sphere", (0.7,), Pose.from_rpy((0.4, -0.1, 0.6), (0, 0, 0))),
-            r"at the start of the motion \(t = 0\.0 s\): panda_\w+ touches the lamp, \d+\.\d cm deep; change home",
+            r"at the start of the motion \(t = 0\.0 s\): panda_\w+ touches the lamp, \d+\.\d cm deep; move the lamp,",
         ),
         (
             Obstacle("the lamp", "box", (0.2, 0.1, 0.1), Pose.from_rpy((0.5, -0.2, 0.295), (0, 0, 0))),
@@ -232,9 +232,17 @@ def test_home_in_collision_is_refused(arm: ArmModel) -> None:
     ) as caught:
         refuse_home(CollisionScene(arm, 0.6))
     assert caught.value.message.endswith(
-        "; correct table_height in the calibration, or change home in the robot's TOML"
+        "; correct table_height in the calibration or in the robot's [dock], or change home in the robot's TOML"
     )
     assert caught.value.exit_code == 3
+
+
+def test_what_the_arm_would_touch_wherever_it_is_no_home_avoids(arm: ArmModel) -> None:
+    plinth = Obstacle("the plinth", "box", (0.4, 0.4, 0.3), Pose.from_rpy((0.0, 0.0, 0.15), (0, 0, 0)))
+    with pytest.raises(
+        PlanError, match=r"touch the plinth, .* in nearly every configuration: correct the plinth in the"
+    ):
+        refuse_home(CollisionScene(arm, None, [plinth]))
 
 
 WING = """<robot name="winged"><link name="foot"/>
