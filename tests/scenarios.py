@@ -12,6 +12,8 @@ from pbd.data import Calibration, Demonstration, Keyframe, Recording, Truth
 from pbd.pipeline import track
 from pbd.pose import Array
 from pbd.simulation import simulate as simulation
+from pbd.simulation.hand_motion import Waypoint
+from pbd.simulation.tasks import Task
 from pbd.tracking.keyframes import find_keyframes
 
 uncalibrated = pytest.mark.filterwarnings("ignore:at rest the accelerometer reads:pbd.errors.PbdWarning")
@@ -70,3 +72,9 @@ def broken(recording: Recording, channel: str, rows: slice, value: float) -> Rec
 def pour(sensor: str = "modern", seed: int = 0) -> Demonstration:
     """The simulated pouring task."""
     return simulate("pour", sensor, seed)
+
+
+def with_long_stays() -> Demonstration:
+    """A hand that stays for four seconds at keyframe 1 and at the end."""
+    stays = [Waypoint((0.1 * i, 0.0, 0.0), move_s=1.0, rest_s=4.0) for i in (1, 2)]
+    return simulate(Task("stay", (Waypoint(rest_s=2.0), *stays)))

@@ -17,12 +17,10 @@ from pbd.files.find_by_name import bundled
 from pbd.files.robot import load_robot
 from pbd.pipeline import track
 from pbd.planning import plan_path
-from pbd.simulation.hand_motion import Waypoint
-from pbd.simulation.simulate import simulate
-from pbd.simulation.tasks import Task
 from tests.arm.bundled import FOLDER
 from tests.cli.run_command import Capture, refused, run, run_json
 from tests.faulty_inputs import LOW_DOCK, OBSTACLE
+from tests.scenarios import with_long_stays
 
 pytestmark = pytest.mark.usefixtures("elsewhere", "cached_results", "unadvised")
 
@@ -284,8 +282,7 @@ def test_keyframes_have_the_joints_of_the_motion_that_was_asked_for(capsys: Capt
 
 
 def test_a_program_learns_that_a_stay_is_cut(capsys: Capture) -> None:
-    stays = [Waypoint((0.1 * i, 0.0, 0.0), move_s=1.0, rest_s=4.0) for i in (1, 2)]
-    write_demo(simulate(Task("stay", (Waypoint(rest_s=2.0), *stays))), Path("demos/stay"))
+    write_demo(with_long_stays(), Path("demos/stay"))
     for command in (["replay", "--html", "stay.html"], ["export", "-o", "stay.csv"]):
         (told,) = run_json(capsys, *command, "stay", *PANDA)["warnings"]
         assert told.startswith("the hand stayed 4.0 s at keyframe 1, the arm 0.5 s; ")

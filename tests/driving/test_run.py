@@ -28,7 +28,7 @@ from pbd.driving.packets import encode_word
 from pbd.driving.servo_arm import ServoArm
 from pbd.driving.stream import Clock
 from pbd.errors import PbdError
-from pbd.files.demo import load_demo
+from pbd.files.demo import load_demo, write_demo
 from pbd.files.robot import load_robot
 from pbd.files.servo_calibration import write_servo_calibration
 from pbd.pipeline import track
@@ -39,6 +39,7 @@ from tests.cli.pbd_process import Terminal
 from tests.cli.run_command import Capture, refused, run, run_json
 from tests.driving.emulator import LEFT, Emulator, calibration_of, resting
 from tests.driving.relaxed_timing import PATIENT_PBD, PATIENT_S, UNHURRIED_S, FastClock
+from tests.scenarios import with_long_stays
 
 pytestmark = pytest.mark.usefixtures("cached_results", "unadvised")
 
@@ -130,12 +131,14 @@ def test_a_dry_run(emulator: Emulator, words: list[str], capsys: Capture, monkey
         return stream.stream(arm, goals[:30], *rest, **more)
 
     monkeypatch.setattr("pbd.cli.run.drive.stream", begun)
-    code, _, err = run(capsys, "run", "pouring", *words, "--port", emulator.device, "--dry-run")
+    write_demo(with_long_stays(), Path("demos/stay"))
+    code, _, err = run(capsys, "run", "stay", *words, "--port", emulator.device, "--dry-run")
     assert code == 0
     assert emulator.goals == []
     assert not any(servo.registers[40] for servo in emulator.servos.values())
     shown = [line.split() for line in err.splitlines() if line.startswith("shoulder_lift")]
     assert shown[0][1] == "-11.5°"  # where it stands: -0.2 rad
+    assert "warning: the hand stayed 4.0 s at keyframe 1, the arm 0.5 s" in err
     assert "dry run done: the servos answered 30 times" in err
 
 

@@ -14,7 +14,7 @@ from rich.table import Table
 
 from pbd.cli.common import plan_demonstration
 from pbd.cli.console import print_json, say
-from pbd.cli.plan_report import plan_json, whole_motion_remarks
+from pbd.cli.plan_report import plan_json, unfollowed, whole_motion_remarks
 from pbd.cli.recording.device import only_port
 from pbd.cli.recording.keys import Keys
 from pbd.data import JointTrajectory, Robot
@@ -24,7 +24,7 @@ from pbd.driving.encoders import Encoders, servo_names
 from pbd.driving.motion_monitor import MotionMonitor, check_health
 from pbd.driving.servo_arm import ServoArm, ServoState
 from pbd.driving.stream import Clock, StreamResult, planned_start, sample_goals, stream
-from pbd.errors import SensorError, noting
+from pbd.errors import SensorError, noting, warn
 from pbd.files.servo_calibration import find_servo_calibration, read_servo_calibration
 from pbd.pose import Array
 from pbd.view.terminal_tables import make_table, print_table
@@ -52,6 +52,8 @@ def drive_arm(args: argparse.Namespace, robot: Robot) -> int:
         say(timetable(plan.trajectory, t, plan.retreat is not None))
         for remark in whole_motion_remarks(plan, args.calibration):
             say(remark)
+        for what in unfollowed(plan):
+            warn(what)
         with Keys() as keys:
             if not (args.dry_run or args.yes):
                 with noting(UNCHANGED_NOTE):
