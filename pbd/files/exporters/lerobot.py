@@ -246,7 +246,5 @@ def _write_table(path: Path, columns: dict[str, Any], metadata: dict[str, str] |
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    out = pa.BufferOutputStream()
-    pq.write_table(pa.table(columns).replace_schema_metadata(metadata), out)
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_bytes(out.getvalue().to_pybytes())
+    pq.write_table(pa.table(columns).replace_schema_metadata(metadata), path)
