@@ -73,9 +73,5 @@ def _size_of(status: os.stat_result, most: int) -> int:
     if not stat.S_ISREG(status.st_mode):
         raise OSError("it is not a regular file")
     if status.st_size > most:
-        raise OSError(f"it has {_megabytes(status.st_size)}, more than the {_megabytes(most)} that are read")
+        raise OSError(f"it has {status.st_size / 1e6:.3g} MB, more than the {most / 1e6:.3g} MB that are read")
     return status.st_size
-
-
-def _megabytes(count: int) -> str:
-    return f"{count / 1e6:.3g} MB"
