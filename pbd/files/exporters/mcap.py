@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -64,9 +65,6 @@ class _Bag:
     """Writes the messages of one bag. Each message is given as dicts, lists and numbers."""
 
     def __init__(self, request: ExportRequest, writer: Any) -> None:
-        from rosbags.interfaces import Nodetype
-
-        self.node = Nodetype
         self.request, self.source, self.writer = request, request.source, writer
         self.store = _types()
         self.topics: dict[str, Any] = {}
@@ -168,26 +166,21 @@ class _Bag:
         if topic not in self.topics:
             qos = _latched() if at is None else ()
             self.topics[topic] = self.writer.add_connection(topic, kind, typestore=self.store, offered_qos_profiles=qos)
-        data = self.store.serialize_cdr(self.built(kind, message), kind)
+        data = self.store.serialize_cdr(_with_attributes(message), kind)
         self.writer.write(self.topics[topic], self.start_ns + round(1e9 * (at or 0.0)), data)
-
-    def built(self, kind: str, message: Mapping[str, Any]) -> Any:
-        """Make rosbags' object of a message, and of the messages in it."""
-        fields = {}
-        for name, (node, inner) in self.store.fielddefs[kind][1]:
-            value = message[name]
-            if node == self.node.NAME:
-                value = self.built(inner, value)
-            elif node != self.node.BASE and inner[0][0] == self.node.NAME:
-                value = [self.built(inner[0][1], each) for each in value]
-            elif node != self.node.BASE and inner[0][1][0] == "float64":
-                value = np.asarray(value, dtype=np.float64)
-            fields[name] = value
-        return self.store.types[kind](**fields)
 
     def header(self, frame: str, at: float | None) -> dict[str, Any]:
         sec, nanosec = divmod(self.start_ns + round(1e9 * (at or 0.0)), 10**9)
         return {"stamp": {"sec": sec, "nanosec": nanosec}, "frame_id": frame}
+
+
+def _with_attributes(value: Any) -> Any:
+    """Make of a message's dicts objects, and of its lists of numbers arrays, as rosbags takes them."""
+    if isinstance(value, Mapping):
+        return SimpleNamespace(**{name: _with_attributes(each) for name, each in value.items()})
+    if isinstance(value, list) and not any(isinstance(each, str | Mapping) for each in value[:1]):
+        return np.array(value, dtype=np.float64)
+    return [_with_attributes(each) for each in value] if isinstance(value, list) else value
 
 
 @cache
