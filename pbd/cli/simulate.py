@@ -3,13 +3,11 @@
 import argparse
 import shlex
 
-import numpy as np
-
 from pbd.cli.common import store_demonstration
 from pbd.cli.console import say, working
 from pbd.errors import UsageError
 from pbd.files.demo import demo_folder
-from pbd.files.points import Points, points_csv
+from pbd.files.points import points_csv
 from pbd.simulation.calibration_tasks import TOUCHED
 from pbd.simulation.simulate import EARTH, simulate
 from pbd.tracking.repair.clock import FASTEST_HZ, SLOWEST_HZ
@@ -35,9 +33,8 @@ def run(args: argparse.Namespace) -> None:
         demo = simulate(args.task, args.sensor_model, args.seed, rate_hz=args.rate)
     points, more, beside = str(demo_folder(args.name) / POINTS_FILE), {}, {}
     if args.task == "touch":
-        touched = Points(tuple(TOUCHED), np.array(list(TOUCHED.values())))
         more["points"] = points
-        beside[POINTS_FILE] = points_csv(touched, "simulated: touched with the sensor itself, in the robot's base")
+        beside[POINTS_FILE] = points_csv(TOUCHED, "simulated: touched with the sensor itself, in the robot's base")
     store_demonstration(args, demo, "simulated", more, beside)
     if args.task in NEXT_COMMAND:
         words = {"demo": shlex.quote(args.name), "points": shlex.quote(points), "gravity": EARTH.gravity}

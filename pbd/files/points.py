@@ -2,7 +2,8 @@
 
 import re
 from collections import Counter
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,28 +12,17 @@ from pbd.data.world import REACH_M
 from pbd.errors import CalibrationError, listed, printable
 from pbd.files.header_line import without_thousands
 from pbd.files.table import open_sheet
-from pbd.frozen_arrays import Frozen, freeze_arrays
 from pbd.pose import Array
 
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 """Unit of a coordinate -> its factor to m."""
 
 
-@dataclass(frozen=True, eq=False)
-class Points(Frozen):
-    """Names of points, and their positions in base (n, 3), m."""
+def read_points(path: Path, unit: str | None = None) -> dict[str, Array]:
+    """Read points, name -> position in base (3,), m.
 
-    names: tuple[str, ...]
-    p_base: Array
-
-    def __post_init__(self) -> None:
-        freeze_arrays(self, p_base=(len(self.names), 3))
-
-
-def read_points(path: Path, unit: str | None = None) -> Points:
-    """Read a table with the columns x_m, y_m, z_m (or `x (mm)` and its like), or x, y, z in a `unit`.
-
-    The points' names are in the column `name`, or in the first if it is no coordinate.
+    The table's columns are x_m, y_m, z_m (or `x (mm)` and its like), or x, y, z in a `unit`. The points'
+    names are in the column `name`, or in the first if it is no coordinate.
 
     Raises:
         CalibrationError: the file can't be read, a column or a unit is missing, or a cell is not a number.
@@ -62,10 +52,13 @@ def read_points(path: Path, unit: str | None = None) -> Points:
             raise CalibrationError.at(path, f"the point '{printable(name)}' {what}")
     if twice := next((name for name, count in Counter(names).items() if count > 1), None):
         raise CalibrationError.at(path, f"two points are named '{printable(twice)}'; rename one", value=twice)
-    return Points(tuple(names), p_base)
+    return dict(zip(names, p_base, strict=True))
 
 
-def points_csv(points: Points, remark: str) -> str:
-    """Return the text of a CSV file for `read_points`, rounded to six digits, with a comment above its header."""
-    rows = (f"{name},{x:g},{y:g},{z:g}" for name, (x, y, z) in zip(points.names, 1e3 * points.p_base, strict=True))
+def points_csv(points: Mapping[str, Sequence[float]], remark: str) -> str:
+    """Return the text of a CSV file for `read_points`, rounded to six digits, with a comment above its header.
+
+    `points`: name -> position in base (3,), m.
+    """
+    rows = (f"{name},{1e3 * x:g},{1e3 * y:g},{1e3 * z:g}" for name, (x, y, z) in points.items())
     return "\n".join((f"# {remark}", "name,x_mm,y_mm,z_mm", *rows, ""))

@@ -76,9 +76,7 @@ def test_the_points_lie_beside_the_demonstration(capsys: Capture) -> None:
     told = json.loads(capsys.readouterr().out)
     assert told["points"] == "demos/a/points.csv"
     points = read_points(Path(told["points"]))
-    assert dict(zip(points.names, points.p_base.tolist(), strict=True)) == {
-        name: pytest.approx(point) for name, point in TOUCHED.items()
-    }
+    assert points == {name: pytest.approx(point) for name, point in TOUCHED.items()}
     listed = [line.strip() for line in GUIDE.read_text(encoding="utf-8").splitlines()]
     begin = listed.index("name,x_mm,y_mm,z_mm")
     assert listed[begin : begin + 7] == Path(told["points"]).read_text(encoding="utf-8").splitlines()[1:]

@@ -2,14 +2,13 @@
 
 from pathlib import Path
 
-import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from pbd.errors import CalibrationError
-from pbd.files.points import Points, points_csv, read_points
+from pbd.files.points import points_csv, read_points
 
 
 def write(folder: Path, text: str) -> Path:
@@ -34,26 +33,26 @@ def write(folder: Path, text: str) -> Path:
 )
 def test_units_become_metres(tmp_path: Path, text: str, unit: str | None) -> None:
     points = read_points(write(tmp_path, text), unit)
-    assert points.names == ("A", "B")
-    assert_allclose(points.p_base, [[0.3, -0.2, 0.0], [0.5, 0.1, 0.02]])
+    assert list(points) == ["A", "B"]
+    assert_allclose(list(points.values()), [[0.3, -0.2, 0.0], [0.5, 0.1, 0.02]])
 
 
 def test_points_between_thousands_are_no_decimal_marks(tmp_path: Path) -> None:
     points = read_points(write(tmp_path, "Punkt;x (mm);y (mm);z (mm)\nA;1.250;-200,5;0\nB;1.000,5;100;20\n"))
-    assert_allclose(points.p_base, [[1.25, -0.2005, 0.0], [1.0005, 0.1, 0.02]])
+    assert_allclose(list(points.values()), [[1.25, -0.2005, 0.0], [1.0005, 0.1, 0.02]])
     points = read_points(write(tmp_path, "Punkt;x (mm);y (mm);z (mm)\nA;1.250;-200.5;0\nB;1000.5;100;20\n"))
-    assert_allclose(points.p_base, [[0.00125, -0.2005, 0.0], [1.0005, 0.1, 0.02]])
+    assert_allclose(list(points.values()), [[0.00125, -0.2005, 0.0], [1.0005, 0.1, 0.02]])
 
 
 def test_a_unit_that_the_columns_contradict_is_refused(tmp_path: Path) -> None:
     path = write(tmp_path, "x_mm,y_mm,z_mm\n0,0,0\n1,0,0\n")
-    assert read_points(path, "mm").p_base[1, 0] == 0.001
+    assert read_points(path, "mm")["2"][0] == 0.001
     with pytest.raises(CalibrationError, match="the columns are in mm, as their names say; leave --unit out"):
         read_points(path, "cm")
 
 
 def test_points_without_names_are_numbered(tmp_path: Path) -> None:
-    assert read_points(write(tmp_path, "x_m,y_m,z_m\n0,0,0\n1,0,0\n")).names == ("1", "2")
+    assert list(read_points(write(tmp_path, "x_m,y_m,z_m\n0,0,0\n1,0,0\n"))) == ["1", "2"]
 
 
 @pytest.mark.parametrize(
@@ -82,8 +81,8 @@ def test_a_fault_is_named_with_its_line(tmp_path: Path, text: str, message: str)
 @given(st.lists(st.tuples(*[st.floats(-9.9, 9.9)] * 3), min_size=1, max_size=5))
 def test_points_are_read_as_written(tmp_path_factory: pytest.TempPathFactory, places: list[tuple[float, ...]]) -> None:
     path = tmp_path_factory.mktemp("points") / "points.csv"
-    written = Points(tuple(f"P{k}" for k in range(len(places))), np.array(places))
+    written = {f"P{k}": place for k, place in enumerate(places)}
     path.write_text(points_csv(written, "a remark, with a comma"), encoding="utf-8")
     read = read_points(path)
-    assert read.names == written.names
-    assert_allclose(read.p_base, written.p_base, atol=1e-5)
+    assert list(read) == list(written)
+    assert_allclose(list(read.values()), list(written.values()), atol=1e-5)

@@ -2,7 +2,7 @@
 
 import argparse
 import shlex
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -21,9 +21,9 @@ from pbd.data.covariance import one_sigma
 from pbd.errors import CalibrationError, UsageError, amount, warn
 from pbd.files.calibration_edit import calibration_to_update, pose_values, update_calibration
 from pbd.files.demo import load_demo
-from pbd.files.points import Points, read_points
+from pbd.files.points import read_points
 from pbd.pipeline import track
-from pbd.pose import Pose, quat_to_rpy, yaw_toward
+from pbd.pose import Array, Pose, quat_to_rpy, yaw_toward
 from pbd.tracking.keyframes import find_keyframes
 from pbd.view.calibration_tables import points_table
 from pbd.view.terminal_tables import print_table
@@ -32,6 +32,7 @@ from pbd.view.terminal_tables import print_table
 def run(args: argparse.Namespace) -> None:
     """Track, match stops with points, fit nav in base, write it, and report its uncertainty."""
     points = read_points(args.points, args.unit)
+    p_base = np.array(list(points.values()))
     path, calibration = calibration_to_update(args.name)
     warn_of_doubts(calibration, "mount")
     hand = track_with(args, load_demo(args.demo).recorded, calibration)
@@ -42,10 +43,10 @@ def run(args: argparse.Namespace) -> None:
         keep_other_start(path, calibration, part)
     keyframes = find_keyframes(hand)
     with working("fitting"):
-        touched = _match_stops(args, hand, keyframes, points, calibration)
+        touched = _match_stops(args, hand, keyframes, p_base, calibration)
         fit = fit_points(
             touched,
-            points.p_base,
+            p_base,
             free=args.free,
             scaled=args.find_scale,
             scale=calibration.scale,
@@ -75,7 +76,7 @@ def run(args: argparse.Namespace) -> None:
     values = pose_values(pose, "in base", cov + later) | {"fit": (figures, ""), "any_attitude": (None, "")}
     update_calibration(path, {part: values}, scale=fit.scale if args.find_scale else None)
     sigma = one_sigma(cov)
-    columns = points.names, touched.stops, fit.residuals, fit.left_out, fit.left_out_sigma, fit.used
+    columns = tuple(points), touched.stops, fit.residuals, fit.left_out, fit.left_out_sigma, fit.used
     if args.json:
         rpy_deg = np.degrees(quat_to_rpy(pose.wxyz))
         where = {"position_m": pose.p, "rpy_deg": rpy_deg} | sigma_json(sigma)
@@ -99,9 +100,11 @@ def run(args: argparse.Namespace) -> None:
     _say_where_it_holds(args, part, float(np.degrees(sigma[5])), of_tilt_deg)
 
 
-def _warn_of_wrong_points(args: argparse.Namespace, points: Points, touched: PointObservations, fit: PointFit) -> None:
+def _warn_of_wrong_points(
+    args: argparse.Namespace, names: Iterable[str], touched: PointObservations, fit: PointFit
+) -> None:
     order = " and the order (--any-order finds it)" if args.stops is None and not args.any_order else ""
-    for name, stop, off, good in zip(points.names, touched.stops, fit.left_out, fit.used, strict=True):
+    for name, stop, off, good in zip(names, touched.stops, fit.left_out, fit.used, strict=True):
         if not good:
             warn(
                 f"the point '{name}' (stop {stop}) is wrong: it lies {100.0 * np.linalg.norm(off):.1f} cm from where "
@@ -193,10 +196,10 @@ def _report_heading(
 
 
 def _match_stops(
-    args: argparse.Namespace, hand: HandPath, keyframes: Sequence[Keyframe], points: Points, calibration: Calibration
+    args: argparse.Namespace, hand: HandPath, keyframes: Sequence[Keyframe], p_base: Array, calibration: Calibration
 ) -> PointObservations:
     """Match the stops with the points: by --stops, in their order, or in any order."""
-    refuse_shape(points.p_base, args.free)
+    refuse_shape(p_base, args.free)
     count, cov = len(keyframes), calibration.cov_sensor_tool
     cov_tip = None if cov is None else cov[:3, :3]
     every = observe_points(keyframes, hand.covariance, calibration.T_sensor_tool.p, cov_tip)
@@ -204,9 +207,9 @@ def _match_stops(
         sigma = np.sqrt(np.diagonal(every.cov).reshape(-1, 3).mean(axis=1))
         p_tip = calibration.scale * every.p_nav_sensor + every.lever
         in_order = not args.any_order
-        return every.only(match_points(p_tip, calibration.scale * sigma, points.p_base, in_order, args.free))
-    if len(args.stops) != len(points.names):
-        what = f"--stops names {amount(len(args.stops), 'stop')} for {len(points.names)} points"
+        return every.only(match_points(p_tip, calibration.scale * sigma, p_base, in_order, args.free))
+    if len(args.stops) != len(p_base):
+        what = f"--stops names {amount(len(args.stops), 'stop')} for {len(p_base)} points"
         raise CalibrationError(f"{what}; name one stop per point")
     if len(set(args.stops)) < len(args.stops) or not set(args.stops) <= set(range(count)):
         what = f"--stops must name different stops from 0 to {count - 1}"
