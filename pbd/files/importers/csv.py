@@ -193,7 +193,7 @@ def _timed(
         RecordingError: a cell is no number, no clock is good, or a date has a unit.
     """
     clocks = [column.name for column in found.of("t")]
-    if not {"t", "dt"} & given.keys() and found.of("t")[0].named_by == "its name":
+    if found.of("t")[0].named_by == "its name":
         clocks = [name for name in sheet.header if is_time(name)]
     measured = [channel for channel in ("gyr", "mag") if found.of(channel)]
     own = {channel: name for channel in measured for name in sheet.header if own_times_of(name) == channel[0]}
