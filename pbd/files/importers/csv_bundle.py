@@ -11,10 +11,7 @@ from pathlib import Path, PurePosixPath
 from pbd.errors import RecordingError, in_words
 from pbd.files.importers.header_names import looks_inertial
 from pbd.files.table import Sheet, foreign_text, open_sheet
-from pbd.io.read_file import MOST_DATA_BYTES, read_bytes, refuse_bomb
-
-LARGEST_FILE = MOST_DATA_BYTES // 4
-"""Largest file in a zip, bytes, so that a small zip can't fill the memory. An hour at 400 Hz has 120 MB."""
+from pbd.io.read_file import read_bytes, refuse_bomb
 
 PHYPHOX_CLOCK = "meta/time"
 """phyphox' table of starts and pauses. The other files in its folder `meta` describe the phone."""
@@ -60,10 +57,6 @@ def _files_in_zip(path: Path) -> Files:
 
 
 def _member(path: Path, archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> bytes:
-    if member.file_size > LARGEST_FILE:
-        most = f"{LARGEST_FILE / 1e6:.0f} MB"
-        what = f"'{member.filename}' in it has {member.file_size / 1e6:.3g} MB, more than the {most} that are read"
-        raise RecordingError.at(path, f"{what}; export a shorter recording", value=member.file_size)
     refuse_bomb(path, f"'{member.filename}' in it", member.compress_size, member.file_size)
     try:
         return archive.read(member)
