@@ -276,7 +276,7 @@ def open_sheet(
         raise error.at(path, what, above + 1)
     if header[1:] and (not header[-1] or (header[0], header[-1]) == ("X_Value", "Comment")):
         header.pop()  # LabVIEW writes no empty comment
-    header[:1] = [header[0] or "column 1"] if foreign else header[:1]  # pandas' index, so that it can be named
+    header[0] = header[0] or "column 1"  # pandas' index, so that it can be named
     if recording:
         body = without_cut_row(path, body, len(header), delimiter)
     first_row, preamble = above + 2 + skipped, "\n".join(in_file.split("\n", above)[:above])
