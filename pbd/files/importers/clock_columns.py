@@ -185,7 +185,7 @@ def _in_whole_seconds(sheet: Sheet, name: str, values: Array, units: Mapping[str
 
 def _seconds(name: str, values: Array) -> Array:
     """Values in s, by the unit that the column's name tells; NaN: it tells none."""
-    return values * (unit_factor("t", time_unit(name) or "?") or np.nan)
+    return values * (unit_factor("t", time_unit(name)) or np.nan)
 
 
 def _is_part(values: Array) -> bool:
