@@ -66,6 +66,7 @@ def test_a_recording_with_its_grip_by_the_pads_button(elsewhere: Path, monkeypat
     """Over Bluetooth: reports come in bursts, but the device's own stamps count."""
     motion, buttons = fifo(elsewhere), fifo(elsewhere, "event6")
     monkeypatch.setattr(gamepad_port, "find_gamepads", lambda: {str(motion): ("DualSense", str(buttons))})
+    monkeypatch.setattr("fcntl.ioctl", Kernel().ioctl)
     way = (Waypoint(rest_s=1.5), Waypoint((0.2, 0.0, 0.1), (0.5, 0.0, 0.3), move_s=0.7, rest_s=1.8))
     hand = simulate(Task("short", way), "ideal", rate_hz=250.0).recording
     assert hand.gyr is not None
@@ -94,9 +95,11 @@ def test_a_recording_with_its_grip_by_the_pads_button(elsewhere: Path, monkeypat
     assert [grip.closed for grip in recording.grip] == [True]
 
 
-def test_unplugged(tmp_path: Path) -> None:
+def test_unplugged(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     motion = fifo(tmp_path)
+    monkeypatch.setattr("fcntl.ioctl", Kernel().ioctl)
     port = GamepadPort(str(motion))
+    port.read()
     with motion.open("wb", buffering=0) as writer:
         writer.write(report(0, LEVEL, (0, 0, 0))[:50])
     assert len(port.read()) == 50
@@ -151,6 +154,11 @@ def test_another_motion_sensor_is_refused(tmp_path: Path, monkeypatch: pytest.Mo
             GamepadPort(str(fifo(tmp_path, said)))
 
 
+def test_what_is_no_input_device_is_no_gamepad() -> None:
+    with pytest.raises(SensorError, match="counts 0 for a unit of axis 0: it is the motion sensor of no DualSense"):
+        GamepadPort("/dev/null")
+
+
 def test_a_joy_con_has_its_own_scale_axes_and_stamps(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """hid-nintendo: x toward the triggers, y left, z up; 4096 counts are 1 g, 14247 are 1 deg/s; three in a report."""
     motion, buttons = fifo(tmp_path), fifo(tmp_path, "event6")
@@ -174,9 +182,10 @@ def test_a_joy_con_has_its_own_scale_axes_and_stamps(tmp_path: Path, monkeypatch
     assert decoder.tally.grip_presses == 1
 
 
-def test_a_stick_does_not_move_the_sensor(tmp_path: Path) -> None:
+def test_a_stick_does_not_move_the_sensor(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The sticks have the codes of the sensor's axes, in the buttons' device."""
     motion, buttons = fifo(tmp_path), fifo(tmp_path, "event6")
+    monkeypatch.setattr("fcntl.ioctl", Kernel().ioctl)
     port = GamepadPort(str(motion), str(buttons))
     with motion.open("wb", buffering=0) as sensors, buttons.open("wb", buffering=0) as keys:
         sensors.write(report(4000, LEVEL, (0, 0, 0)))
