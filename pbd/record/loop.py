@@ -102,7 +102,7 @@ def _run(session: Session, reader: Reader, poll: Poll, show: Callable[[Status], 
         if command in ENDED_BY:
             return ENDED_BY[command]
         if command is Command.GRIP:
-            session.toggle_grip()
+            session.toggle_grip(time.monotonic())
         if options.duration_s is not None and session.t >= options.duration_s:
             return f"{options.duration_s:g} s recorded"
         if connection.now - shown >= every_s and session.demo is not None:
@@ -118,5 +118,7 @@ def _wait_for_port(
         command = poll()
         if command in ENDED_BY:
             return command
+        if command is Command.GRIP:
+            session.toggle_grip(time.monotonic())
         time.sleep(0.2)
     return None

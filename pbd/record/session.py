@@ -71,7 +71,7 @@ class Session:
                 self._add(self._clock.take(decoded, decoded.t_device, arrival))
         while self._presses < self.decoder.tally.grip_presses:
             self._presses += 1
-            self.toggle_grip()
+            self.toggle_grip(arrival)
         if len(self.first_bytes) < FIRST_BYTES:
             self.first_bytes += data
         if self.t >= 0.2:  # the samples have shown the sensor's channels
@@ -107,20 +107,22 @@ class Session:
             assert sample.acc is not None
             self._recent.append((t, hypot(*sample.acc)))
             if self._taps is not None and (tapped_t := self._taps.feed(t, sample.acc)) is not None:
-                self.toggle_grip(tapped_t)
+                self._toggle_grip(tapped_t, "two taps: ")
             self.feedback.feed(t, sample)
             for line in self._diagnostics.feed(t, sample):
                 self.feedback.say(t, line, bell=True)
 
-    def toggle_grip(self, tapped_t: float | None = None) -> None:
-        """Toggle the grip: now, or at the time of the taps, s."""
+    def toggle_grip(self, pressed: float) -> None:
+        """Toggle the grip, at `pressed` s on the host's clock; in bursts, the samples of that time come later."""
         if self.demo is not None:
-            self.closed = not self.closed
-            at = self.t if tapped_t is None else tapped_t
-            self.demo.mark(GripEvent(at, self.closed))
-            self.feedback.mark_grip(at)
-            by = "" if tapped_t is None else "two taps: "
-            self.feedback.say(self.t, f"{by}grip {'closed' if self.closed else 'open'}", bell=tapped_t is not None)
+            self._toggle_grip(self._clock.time_at(pressed))
+
+    def _toggle_grip(self, at: float, by: str = "") -> None:
+        assert self.demo is not None
+        self.closed = not self.closed
+        self.demo.mark(GripEvent(at, self.closed))
+        self.feedback.mark_grip(at)
+        self.feedback.say(self.t, f"{by}grip {'closed' if self.closed else 'open'}", bell=bool(by))
 
     def warn(self, what: str) -> None:
         """Add a message with a bell."""

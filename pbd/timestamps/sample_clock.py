@@ -117,6 +117,10 @@ class SampleClock(Generic[T]):
             self._zero += doubt.t_device - last.t_device - elapsed
         return [self._accept(doubt), self._accept(now)]
 
+    def time_at(self, host: float) -> float:
+        """Convert a time on the host's clock, s, to the samples' time, s. They may still be on their way."""
+        return host - (self._first or 0.0) if self._last is None else self.times[-1] + host - self._last.arrival
+
     def release(self) -> list[tuple[float, T]]:
         """Return (time, sample) of each sample that is still held back, by what is known now."""
         return [] if self._stamper is None else self._since_first(self._stamper.release())

@@ -59,6 +59,19 @@ def test_one_long_burst_does_not_begin_a_recording(tmp_path: Path) -> None:
     assert connection.may_begin(SensorError("unplugged"))
 
 
+@pytest.mark.parametrize("name", ["ximu3-binary", "witmotion"])  # with a clock, and without
+def test_a_grip_has_the_time_of_the_key_however_late_the_samples_come(tmp_path: Path, name: str) -> None:
+    """In bursts of 1 s. It had the time of the latest sample, which may be in the stop before."""
+    hand, speaker = random_hand(800, seed=1), SPEAKERS[name]
+    session = Session(speaker.decoder(), replace(options(tmp_path / "tea"), sensor=speaker.sensor))
+    for row in range(len(hand)):
+        session.take(speaker.encode(hand, row), row // 100 + 51.0)
+        if row == 699:
+            session.toggle_grip(57.8)
+    session.close()
+    assert [event.t for event in read_demo(tmp_path / "tea").recording.grip] == pytest.approx([7.8], abs=0.02)
+
+
 def test_what_can_be_replayed_has_not_failed_whatever_was_seen_live(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -365,12 +378,12 @@ def test_what_is_discarded_before_the_first_sample_leaves_nothing(tmp_path: Path
 def test_a_person_is_heard_while_an_unplugged_sensor_is_waited_for(
     tmp_path: Path, pouring: Recording, command: Command
 ) -> None:
-    person = Watched()
+    person, commands = Watched(), iter((Command.GRIP, command))
     with Emulator(pouring) as sensor:
         threading.Timer(0.6, sensor.unplug).start()
 
         def poll() -> Command | None:
-            return command if f"sensor unplugged; waiting for {sensor.device}" in person.said else None
+            return next(commands) if f"sensor unplugged; waiting for {sensor.device}" in person.said else None
 
         outcome = record(
             lambda: open_port(sensor.device, 115200),
@@ -382,6 +395,7 @@ def test_a_person_is_heard_while_an_unplugged_sensor_is_waited_for(
     assert outcome.ended_by == "stopped by you"
     assert outcome.folder == (tmp_path / "tea" if command is Command.END else None)
     assert (tmp_path / "tea").exists() == (command is Command.END)
+    assert "grip closed" in person.said
 
 
 def test_a_sensor_that_stays_away_ends_the_recording_and_meanwhile_is_not_said_to_move(
