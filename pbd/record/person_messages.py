@@ -49,7 +49,7 @@ class Feedback:
         """Take the next sample, at t s. Faster ones than 250 Hz are averaged to it, without loss for the tracker."""
         interval, self._t = t - self._t, t
         self._block.append((t, sample))
-        if t + interval - self._block[0][0] < 1.0 / 250.0:
+        if t + 1.5 * interval - self._block[0][0] < 1.0 / 250.0:  # the nearest number of samples
             return
         block, self._block = self._block, []
 

@@ -200,3 +200,9 @@ def test_readings_show_clipping_and_steps_whatever_a_calibration_makes_of_them()
     assert "the gyro was at the end of its range; move slower, or set a larger range" in plain[1]
     assert "the gyro was at the end of its range; move slower, or set a larger range" in calibrated[1]
     assert calibrated[0].tracker._steps == plain[0].tracker._steps
+
+
+def test_averages_of_fast_samples_are_evenly_spaced() -> None:
+    """By rounding, some blocks had one sample more: the time stamps seemed to come in steps."""
+    task = Task("still", (Waypoint(rest_s=2.0),))
+    assert heard(simulate(task, rate_hz=250.0).recording, None)[1] == ["the rest at the start is found"]
