@@ -13,6 +13,7 @@ from pbd.timestamps.even_times import batched_interval
 from pbd.timestamps.sample_clock import SampleClock, count_missing
 from pbd.timestamps.stamper import Stamper
 from pbd.timestamps.straighten import _drift, straighten
+from tests.not_none import not_none
 
 HZ = 100.0
 
@@ -132,11 +133,25 @@ def test_two_wrong_times_in_a_row_cost_themselves_only() -> None:
     assert clock.doubted == 2
 
 
-def test_the_same_time_twice_is_one_sample() -> None:
-    times = steady(30)
-    got, clock = taken([at for at in times for _ in range(2)], [k / HZ / 2.0 for k in range(60)])
-    assert len(got) == 30
+def test_a_packet_that_comes_twice_is_one_sample() -> None:
+    clock = SampleClock[int]()
+    assert len([clock.take(k // 2, 7.0 + (k // 2) / HZ, 50.0 + k / HZ / 2.0) for k in range(60)]) == 60
+    assert len(clock.times) == 30
     assert clock.doubted == 29  # of the last one nothing is known yet
+
+
+@pytest.mark.parametrize("burst_s", [0.0, 0.5])
+@pytest.mark.parametrize(("tick_s", "rate_hz"), [(0.001, 1100.0), (0.01, 200.0), (0.1, 50.0), (1.0, 100.0)])
+def test_a_clock_coarser_than_the_interval_loses_no_sample(tick_s: float, rate_hz: float, burst_s: float) -> None:
+    """As of a sketch that prints `millis() / 1000.0`, with two decimals: all samples of a tick but one were lost."""
+    true = np.arange(round(12.0 * rate_hz)) / rate_hz
+    arrival = np.ceil(true / burst_s) * burst_s if burst_s else true
+    got, clock = taken((tick_s * np.floor(true / tick_s + 1e-6)).tolist(), arrival.tolist())
+    got += [t for t, _ in clock.release()]
+    clock.count_lost()
+    assert (len(got), clock.lost, clock.doubted) == (len(true), 0, 0)
+    assert np.diff(not_none(clock.straightened)) == pytest.approx(1.0 / rate_hz, rel=0.01)
+    assert np.diff(got[-len(true) // 2 :]) == pytest.approx(1.0 / rate_hz, rel=0.05)
 
 
 def test_the_first_sample_says_whose_clock_it_is() -> None:

@@ -70,7 +70,8 @@ class SensorConnection:
         """
         if ended is None and self.now - max(self._reader.opened, self._resumed) <= SILENT_S:
             return False
-        if not self._session.decodable or (self._session.samples < 2 and ended is None):
+        too_few = self._session.samples < 2 or self._session.clock_stands
+        if not self._session.decodable or (too_few and ended is None):
             raise ended or _no_samples_error(self._session, self._reader)
         return ended is not None or self._session.t > 0.0
 
@@ -130,6 +131,8 @@ def _no_samples_error(session: Session, reader: Reader) -> SensorError:
             f"whole packets of {sensor} come from {port.device}, but none with an acceleration: switch that output on "
             "in the device (docs/sensors.md says how)"
         )
+    elif whole and session.samples > 1:
+        message = f"the samples from {port.device} have all the same time: correct --columns, or the device's program"
     elif whole:
         message = f"{port.device} sends too slowly ({session.samples} in {SILENT_S:g} s): raise the rate of the device"
     else:

@@ -89,6 +89,11 @@ class Session:
         return len(self._clock.times)
 
     @property
+    def clock_stands(self) -> bool:
+        """Whether samples came, all with the same time of the device."""
+        return self._clock.stands
+
+    @property
     def decodable(self) -> bool:
         """Whether the bytes are certainly of this protocol: a few samples also come by chance, among bad packets."""
         return self.samples > 0 and self.decoder.tally.packets > self.decoder.tally.bad_packets
@@ -165,7 +170,7 @@ class Session:
             return
         channels = self._new_recording().channels
         options = self.options
-        self.feedback.tracker = LiveTracker(options.sensor, options.errors, straightened=not self._clock.is_device)
+        self.feedback.tracker = LiveTracker(options.sensor, options.errors, straightened=self._clock.is_straightened)
         info = RecordingInfo(sensor=options.sensor, created=options.created, clock=self._clock_name)
         if options.force:
             self.backup = set_aside(options.folder)

@@ -5,7 +5,8 @@ new time, the device restarted. If it does not, the jump was a corrupted digit (
 that sample is left out.
 
 A sample without a device's time has its time of arrival, which `Stamper` corrects, and at the end `straighten`. A
-packet that came twice has the time of the first, as in a recording a row that repeats another at the same time.
+packet that came twice has the time of the first, as in a recording a row that repeats another at the same time. The
+times of a clock that is coarser than the sampling interval are corrected like those of samples that arrive in batches.
 """
 
 import time
@@ -18,10 +19,11 @@ import numpy as np
 from pbd.pose import Array
 from pbd.timestamps.doubled_packets import came_twice
 from pbd.timestamps.stamper import Stamper
-from pbd.timestamps.straighten import LOST_SHARE, straighten
+from pbd.timestamps.straighten import LONGEST_BURST_S, LOST_SHARE, straighten
 
-MAX_FIRST_STEP_S, MAX_USUAL_STEPS = 0.1, 3.0
-"""Largest accepted step of a device's time: in s, until its usual step is known; then as a multiple of that."""
+MAX_FIRST_STEP_S, MAX_TICK_S, MAX_USUAL_STEPS = 0.1, 1.0, 3.0
+"""Largest accepted step of a device's time: in s, until its usual step is known; the same of a coarse clock, which may
+count seconds; then as a multiple of the usual step."""
 
 HOST_TOLERANCE_S, HOST_TOLERANCE_SHARE = 0.02, 0.1
 """A larger step is accepted if the host's clock agrees: within this time (s) plus this share of the step."""
@@ -52,7 +54,7 @@ class SampleClock(Generic[T]):
         times: times of the samples so far, s: the device's times, or the arrival times on the host.
         doubted: number of samples that were left out because of their time, or, by the latest `count_lost`, came twice.
         lost: number of samples that never arrived, by the latest `count_lost`.
-        straightened: (n,) s, the arrival times as straightened by the latest count; None with a device's clock.
+        straightened: (n,) s, the times as straightened by the latest count; None with a device's fine clock.
     """
 
     def __init__(self, usual_s: float = 0.0) -> None:
@@ -65,7 +67,8 @@ class SampleClock(Generic[T]):
         self._came_twice, self._next_look = False, 0.0
         self._latest_group: list[T] = []  # the latest sample of the stamper, and those that repeat it
         self._group_t: float | None = None  # its time, s, if it is known
-        self._first: float | None = None  # first time of the stamper, s
+        self._first: float | None = None  # time of the stamper that is 0, s
+        self._coarse_from = 0.0  # s, when a device's clock was first found to be coarse
         self._zero, self._usual = 0.0, usual_s
         self._last: _Reading[T] | None = None
         self._before: _Reading[T] | None = None
@@ -79,12 +82,27 @@ class SampleClock(Generic[T]):
         """Whether the device has a clock."""
         return self._last is not None
 
+    @property
+    def stands(self) -> bool:
+        """Whether all samples so far have the same time of the device."""
+        return self.is_device and self.times[-1] == 0.0
+
+    @property
+    def is_straightened(self) -> bool:
+        """Whether the times are straightened: those of arrival, or of a device's coarse clock."""
+        return self._stamper is not None
+
     def take(self, sample: T, t_device: float | None, arrival: float) -> list[tuple[float, T]]:
         """Add the next sample (anything); return (time, sample) of each sample whose time is now known.
 
         `t_device` is s on the device's clock, None if the sample has no time; `arrival` is s on the host's.
         """
-        if self._last is None and (self._stamper or t_device is None):
+        if t_device is not None and (self.is_device or self._stamper is None):
+            accepted = self._take_device_time(_Reading(sample, t_device, arrival))
+            if self._stamper is None:
+                return accepted
+            return [each for t, one in accepted for each in self._since_first(self._stamper.stamp([one], t))]
+        if self._last is None:
             self._stamper = self._stamper or Stamper()
             self.times.append(arrival)
             if self._is_doubled(sample, arrival):
@@ -94,14 +112,20 @@ class SampleClock(Generic[T]):
                 return []
             self._latest_group, self._group_t = [sample], None
             return self._since_first(self._stamper.stamp(self._latest_group, arrival))
-        if t_device is None:  # the packet with its time was lost
-            self.doubted += 1
-            return []
-        self._learn_usual_step(t_device)
-        now, last, doubt = _Reading(sample, t_device, arrival), self._last, self._doubt
+        self.doubted += 1  # the packet with its time was lost
+        return []
+
+    def _take_device_time(self, now: _Reading[T]) -> list[tuple[float, T]]:
+        repeats_time = now.t_device == self._latest
+        self._learn_usual_step(now.t_device)
+        last, doubt = self._last, self._doubt
         if last is None:
             self._zero = now.t_device
             return [self._accept(now)]
+        if repeats_time and self._is_in_same_tick(last, now):
+            if self._stamper is None:
+                self._stamper, self._coarse_from = Stamper(), self.times[-1]
+            return [self._accept(now._replace(arrival=last.arrival))]
         if self._follows(last, now):
             self.doubted += doubt is not None
             return [self._accept(now)]
@@ -135,7 +159,7 @@ class SampleClock(Generic[T]):
 
     def _since_first(self, stamped: list[tuple[float, list[T]]]) -> list[tuple[float, T]]:
         if stamped and self._first is None:
-            self._first = stamped[0][0]
+            self._first = stamped[0][0] - self._coarse_from
         known = [(t - (self._first or 0.0), group) for t, group in stamped]
         if known and known[-1][1] is self._latest_group:
             self._group_t = known[-1][0]
@@ -148,12 +172,14 @@ class SampleClock(Generic[T]):
         if if_due and (begun < self._next_count or span < COUNT_AFTER_S):
             return
         times = np.array(self.times)
-        if self.is_device:
+        if self._stamper is None:
             self.lost = count_missing(times)
         else:
-            repeats = np.array(self._repeats, dtype=bool)
-            new = ~(repeats & came_twice(times, repeats))
-            self.doubted = int((~new).sum())
+            new = np.ones(len(times), dtype=bool)
+            if not self.is_device:
+                repeats = np.array(self._repeats, dtype=bool)
+                new = ~(repeats & came_twice(times, repeats))
+                self.doubted = int((~new).sum())
             even, self.lost = straighten(times[new])
             self.straightened = even[np.cumsum(new) - 1]
         ended = time.monotonic()
@@ -170,8 +196,13 @@ class SampleClock(Generic[T]):
         step, elapsed = now.t_device - earlier.t_device, now.arrival - earlier.arrival
         if step <= 0.0:
             return False
-        believed = MAX_USUAL_STEPS * self._usual or MAX_FIRST_STEP_S
+        believed = MAX_USUAL_STEPS * self._usual or (MAX_TICK_S if self.is_straightened else MAX_FIRST_STEP_S)
         return step <= believed or abs(step - elapsed) < HOST_TOLERANCE_S + HOST_TOLERANCE_SHARE * elapsed
+
+    def _is_in_same_tick(self, last: _Reading[T], now: _Reading[T]) -> bool:
+        """Whether a coarse clock gives another sample the same time; `last` has the arrival of the tick's first one."""
+        stands = now.arrival - last.arrival > MAX_TICK_S + LONGEST_BURST_S
+        return now.t_device == last.t_device and now.sample != last.sample and not stands
 
     def _accept(self, now: _Reading[T]) -> tuple[float, T]:
         self._before, self._last, self._doubt = self._last, now, None

@@ -308,6 +308,7 @@ HEARD = [
     ),
     ("lines", b"9,x,2,3,4,5,6\r\n", "a column that --columns names is no number; correct --columns, --separator"),
     ("lines", b"9,0,0,81920000,4,5,6\r\n", "its acc is too large .raw counts..; give --unit acc=..., or correct"),
+    ("lines", b"9,0,0,9.8,4,5,6\r\n9,0,0,9.8,4,5,7\r\n", "have all the same time: correct --columns, or the device's"),
     (
         "os5000",
         b"$C320.5P0.2R-18.3T19.0*3C\r\n",
