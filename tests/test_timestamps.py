@@ -517,6 +517,13 @@ def test_sensors_whose_arrivals_jitter_are_joined_as_if_they_did_not() -> None:
     assert np.abs(values["acc"] - values["gyr"]).max() < 0.02
 
 
+def test_a_single_sample_is_given_its_arrival() -> None:
+    """numpy warned of the mean of no steps."""
+    stamper = Stamper[None]()
+    assert stamper.stamp(None, 7.0) == []
+    assert stamper.release() == [(7.0, None)]
+
+
 def test_a_line_that_is_known_goes_on() -> None:
     """Delays of an interval on average do not move it: the interval is that of the samples that are on time."""
     times = np.arange(200) / 40.0

@@ -123,7 +123,8 @@ class Stamper(Generic[T]):
         """Lay the line below the samples held, and take them once more."""
         held, self._held = self._held, []
         arrival = np.array([each.arrival for each in held])
-        ends = np.flatnonzero(np.append(np.diff(arrival) > WITHIN_BATCH * np.diff(arrival).mean(), True))
+        soon = WITHIN_BATCH * (arrival[-1] - arrival[0]) / max(len(arrival) - 1, 1)
+        ends = np.flatnonzero(np.append(np.diff(arrival) > soon, True))
         self._fit(ends.astype(np.float64), ends.astype(np.float64), arrival[ends], slice(RECENT_BATCHES))
         self._t = self._begin
         return [stamped for sample, at, _ in held for stamped in self.stamp(sample, at)]
