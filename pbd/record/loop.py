@@ -10,7 +10,7 @@ from pbd.record.sensor_connection import SensorConnection
 from pbd.record.session import Session
 from pbd.record.session_types import ENDED_BY, Command, Outcome, RecordOptions, Status
 from pbd.sensors.decoding import Decoder
-from pbd.sensors.reader import ByteSource, Reader
+from pbd.sensors.reader import ByteSource, Reader, host_clock
 
 SCREEN_EVERY_S = 0.1
 """Time between two updates of the screen, s."""
@@ -80,7 +80,7 @@ def _run(session: Session, reader: Reader, poll: Poll, show: Callable[[Status], 
     options, connection, shown = session.options, SensorConnection(session, reader), 0.0
     while True:
         pieces, ended = reader.take()
-        if why := connection.why_over(pieces[0][1] if pieces else time.monotonic()):
+        if why := connection.why_over(pieces[0][1] if pieces else host_clock()):
             return why
         connection.check(pieces)
         for data, arrival in pieces:
@@ -102,7 +102,7 @@ def _run(session: Session, reader: Reader, poll: Poll, show: Callable[[Status], 
         if command in ENDED_BY:
             return ENDED_BY[command]
         if command is Command.GRIP:
-            session.toggle_grip(time.monotonic())
+            session.toggle_grip(host_clock())
         if options.duration_s is not None and session.t >= options.duration_s:
             return f"{options.duration_s:g} s recorded"
         if connection.now - shown >= every_s and session.demo is not None:
@@ -113,12 +113,12 @@ def _run(session: Session, reader: Reader, poll: Poll, show: Callable[[Status], 
 def _wait_for_port(
     session: Session, connection: SensorConnection, poll: Poll, show: Callable[[Status], None]
 ) -> Command | None:
-    while not (connection.why_over(time.monotonic()) or connection.reopen()):
+    while not (connection.why_over(host_clock()) or connection.reopen()):
         show(replace(session.status(), waiting=f"waiting for {connection.device}"))
         command = poll()
         if command in ENDED_BY:
             return command
         if command is Command.GRIP:
-            session.toggle_grip(time.monotonic())
+            session.toggle_grip(host_clock())
         time.sleep(0.2)
     return None

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pbd.errors import SensorError, amount
 from pbd.record.session import Session
 from pbd.sensors.probe import describe_bytes, identify_protocol, look_at
-from pbd.sensors.reader import Reader
+from pbd.sensors.reader import Reader, host_clock
 from pbd.tracking.repair.clock import CLOCK_JUMP_S
 
 SILENT_S = 3.0
@@ -26,7 +26,7 @@ class SensorConnection:
     A suspended program (Ctrl-Z, a sleeping machine) hears nothing either, so its silence is not the sensor's fault.
 
     Attributes:
-        now: the host's monotonic clock at the last `check`, s.
+        now: `host_clock` at the last `check`, s.
     """
 
     def __init__(self, session: Session, reader: Reader) -> None:
@@ -35,11 +35,11 @@ class SensorConnection:
         self._start_clocks()
 
     def _start_clocks(self) -> None:
-        self.now, self._worked, self._resumed = time.monotonic(), time.process_time(), 0.0
+        self.now, self._worked, self._resumed = host_clock(), time.process_time(), 0.0
 
     def check(self, pieces: Sequence[tuple[bytes, float]]) -> None:
         """Look at the clock and at the pieces that `Reader.take` returned, and warn of what they show."""
-        before, self.now = self.now, time.monotonic()
+        before, self.now = self.now, host_clock()
         worked, self._worked = self._worked, time.process_time()
         idle_s = self.now - before - (self._worked - worked)
         trouble, now = self._reader.port.trouble, self.now

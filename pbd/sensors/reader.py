@@ -12,6 +12,11 @@ READ_TIMEOUT_S = 0.02
 """Longest time that a read of a port, or `Reader.take`, waits for bytes, s."""
 
 
+def host_clock() -> float:
+    """The host's clock, s, which nobody sets. Unlike `time.monotonic` it also counts while the machine sleeps."""
+    return time.clock_gettime(time.CLOCK_BOOTTIME)
+
+
 class ByteSource(Protocol):
     """A source of a sensor's bytes: a serial port, a phone, a gamepad.
 
@@ -40,7 +45,7 @@ class ByteSource(Protocol):
 
 
 class Reader:
-    """Reads a source in a thread and notes each piece's time of arrival (host's monotonic clock, s).
+    """Reads a source in a thread and notes each piece's time of arrival (`host_clock`, s).
 
     Attributes:
         opened: when the source was opened, s.
@@ -85,7 +90,7 @@ class Reader:
 
     def _start(self) -> None:
         self.port = self._open()
-        self.opened = self.latest = time.monotonic()
+        self.opened = self.latest = host_clock()
         self._ending = threading.Event()
         self._thread = threading.Thread(target=self._read, name="port", daemon=True)
         self._thread.start()
@@ -94,6 +99,6 @@ class Reader:
         try:
             while not self._ending.is_set():
                 if data := self.port.read():
-                    self._pieces.put((data, time.monotonic()))
+                    self._pieces.put((data, host_clock()))
         except SensorError as error:
             self._pieces.put(error)

@@ -5,6 +5,7 @@ import re
 import time
 from pathlib import Path
 from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
@@ -13,10 +14,12 @@ from pbd.data import Recording
 from pbd.errors import PbdError
 from pbd.files.demo import read_demo, write_demo
 from pbd.record import Command, RecordOptions, Status, record, sensor_connection
+from pbd.record.sensor_connection import SensorConnection
 from pbd.record.session import Session
 from pbd.sensors.decoding import Decoder, Sample
 from pbd.sensors.port import Port, open_port
 from pbd.sensors.protocols import protocol
+from pbd.sensors.reader import Reader
 from pbd.simulation.emulator import Emulator
 from pbd.simulation.simulate import simulate
 from tests.record.emulated_sensors import ROUNDS, SPEAKERS, Device, random_hand
@@ -143,6 +146,18 @@ class Slow:
         self._slow -= 1
         time.sleep(0.3)
         return self._decoder.feed(data[:200])
+
+
+def test_the_time_that_the_machine_slept_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Linux' monotonic clock stands still in that time: samples of it were lost, and none of it was seen."""
+    session = Session(SPEAKERS["razor"].decoder(), RecordOptions(tmp_path / "tea", "razor", "2026-01-02T03:04:05Z"))
+    port = SimpleNamespace(device="", trouble="")
+    connection = SensorConnection(session, cast(Reader, SimpleNamespace(port=port, latest=0.0, opened=0.0)))
+    slept = time.clock_gettime(time.CLOCK_BOOTTIME) + 60.0
+    monkeypatch.setattr(time, "clock_gettime", lambda clock: slept if clock == time.CLOCK_BOOTTIME else 0.0)
+    connection.check([])
+    (said,) = session.status().messages
+    assert said.text.startswith("this program did not run for 60.")
 
 
 def test_a_sensor_that_sends_faster_than_the_machine_takes_is_recorded(
