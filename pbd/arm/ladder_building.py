@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pbd.arm.ik.branches import MARGIN_RAD, SAME_RAD, configuration_cost, find_branches, polish, turn_toward
+from pbd.arm.ik.branches import MARGIN_RAD, SAME_RAD, configuration_cost, find_branches, turn_toward
 from pbd.arm.ik.levenberg_marquardt import SOLVED, Residual, descend_each
 from pbd.arm.ik.partial_pose import is_redundant
 from pbd.arm.ik.starts import distinct
@@ -194,5 +194,5 @@ def _move_along_null_space(arm: ArmModel, T_base_tool: Sequence[Pose], ladder: L
             most -= joint_travel(np.array((before, ended[0], after)), arm.travel_scale)
             if squares[0] < SOLVED and most > 0.0 and (cost := float(configuration_cost(arm, ended)[0])) < most:
                 path[i], costs[i] = ended[0], cost
-    for i, goal in enumerate(goals, start=1):
-        _add_new(arm, ladder, i, polish(arm, goal, path[i : i + 1]))
+    for i in range(1, len(goals) + 1):
+        _add_new(arm, ladder, i, path[i : i + 1])

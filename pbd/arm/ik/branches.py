@@ -4,16 +4,13 @@ import numpy as np
 import pinocchio as pin
 
 from pbd.arm.ik.closed_form import closed_form, flipped_elbow
-from pbd.arm.ik.levenberg_marquardt import EXACT, RIDGE, SOLVED, Residual, descend_each
+from pbd.arm.ik.levenberg_marquardt import SOLVED, descend_each
 from pbd.arm.ik.partial_pose import SLACK_RAD, is_partial, is_redundant, refine_partial, solve_partial
 from pbd.arm.ik.seven_joints import seven_joints
 from pbd.arm.ik.solver import solve
 from pbd.arm.ik.starts import distinct, relative_manipulability, starts_of
 from pbd.arm.model import ArmModel, to_se3
-from pbd.lapack import lapack
 from pbd.pose import Array, Pose
-
-_dposv = lapack().dposv
 
 MARGIN_RAD = 0.1
 """Distance of a joint from its limit, rad of joint travel, below which being near the limit has a cost."""
@@ -60,17 +57,14 @@ def find_branches(arm: ArmModel, T_base_tool: Pose, before: Array, starts: int) 
     fresh = distinct(seeds[_nearest_first(arm, seeds, earlier)], starts - third, distance)
     found = _solutions(arm, goal, np.vstack((earlier, fresh)))
     if not len(found) and (result := solve(arm, T_base_tool, before[0])).reached:
-        return polish(arm, goal, result.q[None])
+        return result.q[None]
     return found
 
 
 def _solutions(arm: ArmModel, goal: pin.SE3, q_seeds: Array) -> Array:
-    """Return the different solutions (m, k) to which seeds descend, exact to rounding errors."""
+    """Return the different solutions (m, k) to which seeds descend."""
     q, squares = descend_each(arm, goal, q_seeds, all_seeds=True)
-    solved = squares < SOLVED
-    coarse = solved & (squares > EXACT**2)
-    q[coarse] = polish(arm, goal, q[coarse])
-    return distinct(q[solved], len(q), SAME_RAD)
+    return distinct(q[squares < SOLVED], len(q), SAME_RAD)
 
 
 def _nearest_first(arm: ArmModel, q: Array, earlier: Array) -> Array:
@@ -96,24 +90,6 @@ def configuration_cost(arm: ArmModel, q: Array) -> Array:
     singular = np.maximum(0.0, 1.0 - relative_manipulability(arm, q))
     cost: Array = AT_LIMIT_COST * (near_limits**2).sum(axis=1) + SINGULAR_COST * singular**2
     return cost
-
-
-def polish(arm: ArmModel, goal: pin.SE3, q: Array) -> Array:
-    """Take one Newton step from solutions (m, k) within tolerance: then exact to rounding, unless at a limit.
-
-    A step that a limit cuts short can lead away from the pose: it is not taken.
-    """
-    residual, lower, upper = Residual(arm, goal), arm.limits.lower, arm.limits.upper
-    q = np.clip(q, lower, upper)
-    for i, each in enumerate(q):
-        e, J = residual(each)
-        step = J.T @ _dposv(J @ J.T + RIDGE * np.eye(6), e)[1]
-        if e @ e > EXACT**2 and step @ step < SAME_RAD**2:
-            polished = np.clip(each - step, lower, upper)
-            off, _ = residual(polished)
-            if off @ off < e @ e:
-                q[i] = polished
-    return q
 
 
 def _partial_pose_solutions(arm: ArmModel, T_base_tool: Pose, before: Array) -> Array:

@@ -29,7 +29,7 @@ DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-2, 1e-6, 1e4
 RIDGE = 1e-12
 """Keeps the normal equations solvable where the arm is singular."""
 EXACT = 1e-9
-"""|e| (m, rad) below which a solution is exact but for rounding."""
+"""|e| (m, rad) below which a solution is exact but for rounding, and a descent ends."""
 SLOW = 0.49
 """A step is slow if it leaves more than this share of |e|^2 (70 % of |e|)."""
 STALLED = 1.0 - 1e-6
@@ -45,14 +45,12 @@ class StopRule(NamedTuple):
     Attributes:
         patience: number of successive slow steps after which it ends.
         steps: largest number of steps.
-        solved: |e|^2 below which it ends.
         stalled: a step that leaves more than this share of |e|^2 is the last.
         still: it ends with a step in which no joint would move by this much, rad.
     """
 
     patience: int = MOST_STEPS
     steps: int = MOST_STEPS
-    solved: float = SOLVED
     stalled: float = STALLED
     still: float = 0.0
 
@@ -127,7 +125,7 @@ def descend(
     diagonal = H.ravel()[:: len(q) + 1]
     at_a_limit = bool(((q == lower) | (q == upper)).any())
     for _ in range(rule.steps):
-        if square < rule.solved or slow_steps == rule.patience or square > rule.stalled * square_before:
+        if square < EXACT**2 or slow_steps == rule.patience or square > rule.stalled * square_before:
             break
         gradient = e @ J
         if at_a_limit:

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from pbd.arm.ik.levenberg_marquardt import EXACT, StopRule, descend
+from pbd.arm.ik.levenberg_marquardt import StopRule, descend
 from pbd.arm.ik.starts import distinct, starts_of
 from pbd.arm.model import ArmModel, to_se3
 from pbd.errors import in_degrees, warn
@@ -43,7 +43,7 @@ POSITION_STARTS, POSITION_STRIDE = 32, 4
 alike."""
 
 _ROUGH, _FINE = 0.3, 0.003  # m: weight of 1 rad of the approach axis, in the first descents and in the last
-_ROUGH_RULE, _FINE_RULE = StopRule(steps=8), StopRule(steps=200, solved=EXACT**2, stalled=1.0, still=1e-7)
+_ROUGH_RULE, _FINE_RULE = StopRule(steps=8), StopRule(steps=200, stalled=1.0, still=1e-7)
 _KEPT = 4  # number of starts from which the last descents are made
 _APART_RAD = 0.2  # descents that end closer to each other than this in every joint count as one
 
@@ -115,7 +115,7 @@ def nearest_position(arm: ArmModel, goal: pin.SE3, q_seed: Array) -> Array:
         p, _, J = arm.tool_with_jacobian(q)
         return p - p_goal, J[:3]
 
-    return descend(residual, arm.limits, q_seed, StopRule(solved=EXACT**2))[0]
+    return descend(residual, arm.limits, q_seed, StopRule())[0]
 
 
 def measure(arm: ArmModel, goal: pin.SE3, q: Array) -> PartialPose:
