@@ -53,11 +53,6 @@ class Mesh:
         """(n, 3) m."""
         return self.centre + self.step * self.grid
 
-    def box_corners(self) -> Array:
-        """The corners (8, 3) m of the box around the mesh, along its axes."""
-        low, high = self.vertices.min(axis=0), self.vertices.max(axis=0)
-        return np.array([np.where(mask, high, low) for mask in np.ndindex(2, 2, 2)])
-
 
 def compact(soup: TriangleSoup, default_rgb: ArrayLike) -> Mesh:
     """Merge equal vertices, split them along sharp edges and colour borders, and drop faces without an area.

@@ -182,4 +182,4 @@ def _swept(poses: Poses, corners: Array) -> Array:
 
 
 def _corners(shape: str, size: tuple[float, ...]) -> Array:
-    return shapes.primitive(shape, size, (0.0, 0.0, 0.0)).box_corners()
+    return shapes.primitive(shape, size, (0.0, 0.0, 0.0)).vertices

@@ -253,7 +253,7 @@ class TestVisuals:
             f'<origin xyz="1 2 3" rpy="0 0 1.5"/><geometry>{geometry}</geometry><material name="tea"/>',
         )
         assert visual.link == "cup"
-        np.testing.assert_allclose(np.ptp(visual.mesh.box_corners(), axis=0), size, atol=1e-4)
+        np.testing.assert_allclose(np.ptp(visual.mesh.vertices, axis=0), size, atol=1e-4)
         np.testing.assert_allclose(visual.T_link_visual.log(), [1, 2, 3, 0, 0, 1.5], atol=1e-12)
         assert (visual.mesh.rgb == [0, 128, 0]).all()
 

@@ -28,8 +28,8 @@ def test_a_solid_is_closed_and_has_its_size(
     mesh = shapes.primitive(shape, size, GREY)
     assert mesh.closed
     assert volume(mesh) == pytest.approx(wanted, rel=0.02)
-    np.testing.assert_allclose(mesh.box_corners().mean(axis=0), 0.0, atol=1e-9)
-    np.testing.assert_allclose(np.ptp(mesh.box_corners(), axis=0), reach, rtol=0.01)
+    np.testing.assert_allclose(mesh.vertices.min(axis=0), -mesh.vertices.max(axis=0), atol=1e-9)
+    np.testing.assert_allclose(np.ptp(mesh.vertices, axis=0), reach, rtol=0.01)
 
 
 def test_a_triad_points_along_its_axes_in_their_colours() -> None:
@@ -58,5 +58,5 @@ def test_a_tube_follows_its_path_without_twist() -> None:
 @pytest.mark.parametrize("n", [1, 2, 5])
 def test_a_tube_of_one_point_is_a_dot(n: int) -> None:
     mesh = shapes.tube(np.tile([0.3, 0.2, 0.1], (n, 1)), np.tile(GREY, (n, 1)), 0.003)
-    np.testing.assert_allclose(mesh.box_corners().mean(axis=0), [0.3, 0.2, 0.1], atol=1e-6)
-    assert np.ptp(mesh.box_corners(), axis=0).max() == pytest.approx(0.006, rel=0.01)
+    np.testing.assert_allclose(mesh.vertices.mean(axis=0), [0.3, 0.2, 0.1], atol=1e-6)
+    assert np.ptp(mesh.vertices, axis=0).max() == pytest.approx(0.006, rel=0.01)
