@@ -40,14 +40,6 @@ class Mesh:
         colour = np.rint(255.0 * np.asarray(rgb, dtype=np.float64)).astype(np.uint8)
         return replace(self, rgb=np.tile(colour, (len(self.rgb), 1)))
 
-    @staticmethod
-    def of(vertices: ArrayLike, faces: ArrayLike, rgb: ArrayLike) -> Mesh:
-        """Make a mesh of vertices (n, 3) in m, faces (m, 3) and rgb (n, 3) or (3,) in 0..1."""
-        vertices = np.asarray(vertices, dtype=np.float64).reshape(-1, 3)
-        grid, centre, step = _on_grid(vertices)
-        colours = np.broadcast_to(np.rint(255.0 * np.clip(np.asarray(rgb), 0.0, 1.0)), vertices.shape)
-        return Mesh(grid, centre, step, np.asarray(faces, dtype=np.uint32).reshape(-1, 3), colours.astype(np.uint8))
-
     @property
     def vertices(self) -> Array:
         """(n, 3) m."""
@@ -65,7 +57,7 @@ def compact(soup: TriangleSoup, default_rgb: ArrayLike) -> Mesh:
         ValueError: no face is left.
     """
     rgb = np.where(np.isnan(soup.rgb), np.asarray(default_rgb), soup.rgb)
-    grid, centre, step = _on_grid(soup.corners.reshape(-1, 3))
+    grid, centre, step = on_grid(soup.corners.reshape(-1, 3))
     # Three numbers of 16 bits make one of 48 bits, so that merging is a sort of integers.
     key = (grid.astype(np.int64) + 2**15) @ np.array([2**32, 2**16, 1])
     faces = np.unique(key, return_inverse=True)[1].reshape(-1, 3)
@@ -98,7 +90,7 @@ def _is_closed(faces: NDArray[np.int64], corners: Array) -> bool:
     return bool(volume > 0.0 and np.isin(forward, backward).mean() > 0.95)
 
 
-def _on_grid(points: Array) -> tuple[NDArray[np.int16], Array, float]:
+def on_grid(points: Array) -> tuple[NDArray[np.int16], Array, float]:
     """Round points (n, 3) m to the grid of 16 bits that spans them; return grid, centre and step of a `Mesh`."""
     low, high = points.min(axis=0), points.max(axis=0)
     centre = 0.5 * (low + high)

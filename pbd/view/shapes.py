@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 
 from pbd.io.meshes import TriangleSoup
 from pbd.pose import Array
-from pbd.view.compact_mesh import Mesh, compact
+from pbd.view.compact_mesh import Mesh, compact, on_grid
 
 SIDES = 32
 """Number of sides of round bodies."""
@@ -103,7 +103,8 @@ def tube(points: Array, rgb: Array, radius: float, sides: int = 8) -> Mesh:
             np.stack((last, np.roll(last, -1), np.full(sides, n * sides + 1)), axis=1),
         )
     )
-    return Mesh.of(vertices, faces, np.concatenate((np.repeat(rgb, sides, axis=0), rgb[[0, -1]])))
+    colours = np.rint(255.0 * np.concatenate((np.repeat(rgb, sides, axis=0), rgb[[0, -1]])))
+    return Mesh(*on_grid(vertices), faces.astype(np.uint32), colours.astype(np.uint8))
 
 
 def _twist_free(points: Array, tangents: Array) -> Array:
