@@ -123,8 +123,6 @@ class Clearance:
         return self._known[key]
 
     def _measured(self, q: Array) -> Array:
-        if not len(self.pairs):
-            return np.empty(0)
         pin.computeDistances(self.arm.full, self._data, self._geometry, self._placed, q)
         measured = [result.min_distance for result in self._placed.distanceResults]
         distances: Array = np.array(measured) - self._pads
