@@ -32,18 +32,14 @@ class IkResult:
     Attributes:
         q: (k,) rad, within the limits.
         position_error_m, rotation_error_rad: between the tool and the pose, by forward kinematics.
-        partial: the arm has too few joints for a full pose, so only the position must be met (partial_pose.py).
+        reached: whether the errors that count are within tolerance: of an arm with too few joints for a full pose,
+            only that of the position (partial_pose.py).
     """
 
     q: Array
     position_error_m: float
     rotation_error_rad: float
-    partial: bool = False
-
-    @property
-    def reached(self) -> bool:
-        """Whether the errors that count are within tolerance."""
-        return self.position_error_m <= TOLERANCE_M and (self.partial or self.rotation_error_rad <= TOLERANCE_RAD)
+    reached: bool
 
 
 def solve(arm: ArmModel, T_base_tool: Pose, q_seed: Array | None = None) -> IkResult:
@@ -71,4 +67,5 @@ def solve(arm: ArmModel, T_base_tool: Pose, q_seed: Array | None = None) -> IkRe
 def ik_result(arm: ArmModel, goal: pin.SE3, q: Array) -> IkResult:
     """Measure the tool's error from a pose at joints q (k,) by forward kinematics."""
     e, _ = Residual(arm, goal)(q)
-    return IkResult(q, math.sqrt(e[:3].dot(e[:3])), math.sqrt(e[3:].dot(e[3:])), is_partial(arm))
+    position, rotation = math.sqrt(e[:3].dot(e[:3])), math.sqrt(e[3:].dot(e[3:]))
+    return IkResult(q, position, rotation, position <= TOLERANCE_M and (is_partial(arm) or rotation <= TOLERANCE_RAD))
